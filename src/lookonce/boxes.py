@@ -1,0 +1,48 @@
+"""Box arithmetic: the only intersection over union and the only conversions of the package.
+
+Layouts: ``xyxy`` = left, top, right, bottom; ``ltwh`` = left, top, width, height; all in pixels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["clip", "iou", "xyxy_to_ltwh"]
+
+
+def xyxy_to_ltwh(xyxy: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Boxes ``xyxy (N, 4)`` as ``ltwh (N, 4)``, same dtype; 0 rows give 0 rows."""
+    ltwh = xyxy.copy()
+    ltwh[:, 2:] -= xyxy[:, :2]
+    return ltwh
+
+
+def clip(xyxy: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Boxes ``xyxy (N, 4)`` cut at the border of an image of ``size`` (height, width) pixels; a copy."""
+    height, width = size
+    limit = np.array([width, height, width, height], dtype=xyxy.dtype)
+    return np.clip(xyxy, 0, limit)
+
+
+def iou(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Intersection over union of every pair.
+
+    Args:
+        a: xyxy (N, 4).
+        b: xyxy (M, 4).
+
+    Returns:
+        (N, M) in [0, 1]; 0 where both boxes are empty.
+
+    >>> import numpy as np
+    >>> iou(np.array([[0, 0, 2, 2]], np.float32), np.array([[1, 0, 3, 2]], np.float32)).round(3).tolist()
+    [[0.3330000042915344]]
+    """
+    top_left = np.maximum(a[:, None, :2], b[None, :, :2])
+    bottom_right = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    intersection = np.prod(np.clip(bottom_right - top_left, 0, None), axis=2)
+    area_a = np.prod(a[:, 2:] - a[:, :2], axis=1)
+    area_b = np.prod(b[:, 2:] - b[:, :2], axis=1)
+    union = area_a[:, None] + area_b[None, :] - intersection
+    return np.divide(intersection, union, out=np.zeros_like(intersection), where=union > 0)

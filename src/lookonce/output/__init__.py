@@ -1,0 +1,1 @@
+"""Sinks: results written frame by frame, valid whenever they are cut off."""

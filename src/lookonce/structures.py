@@ -1,0 +1,131 @@
+"""The values that cross the borders between the parts: detections and tracks. Row order is a promise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["NO_ID", "Detections", "Track", "Tracks"]
+
+NO_ID = -1
+"""The id of a row that has no identity (yet)."""
+
+_UNIT_LENGTH_TOLERANCE = 1e-3  # float16 storage of a unit vector stays within this
+
+
+def _check(name: str, array: object, shape: tuple[int | None, ...], dtype: type) -> None:
+    """Raise ``ValueError`` unless ``array`` has that shape (None = any) and dtype."""
+    letters = ", ".join("N" if n is None else str(n) for n in shape)
+    expected = f"{name}: expected ({letters}{',' if len(shape) == 1 else ''}) {np.dtype(dtype).name}"
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"{expected}, got {type(array).__name__}")
+    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype != dtype:
+        raise ValueError(f"{expected}, got {array.shape} {array.dtype}")
+
+
+def _check_finite(name: str, array: NDArray[np.float32]) -> None:
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name}: expected finite numbers, got NaN or infinity")
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """What the detector saw in one frame, checked on construction.
+
+    Attributes:
+        xyxy: (N, 4) float32, px of the original image, left <= right and top <= bottom.
+        scores: (N,) float32, confidence in [0, 1].
+        labels: (N,) int64, index into the model's class names.
+        descriptors: (N, D) float32, rows of unit length (a row of zeros: this detection has none), or None where the
+            model has no descriptors.
+
+    Raises:
+        ValueError: a field has another shape, dtype, row count, or is not finite.
+    """
+
+    xyxy: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    labels: NDArray[np.int64]
+    descriptors: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        _check("xyxy", self.xyxy, (None, 4), np.float32)
+        count = len(self.xyxy)
+        _check("scores", self.scores, (count,), np.float32)
+        _check("labels", self.labels, (count,), np.int64)
+        _check_finite("xyxy", self.xyxy)
+        _check_finite("scores", self.scores)
+        if (self.xyxy[:, 2:] < self.xyxy[:, :2]).any():
+            raise ValueError("xyxy: expected left <= right and top <= bottom, got a box of negative size")
+        if self.descriptors is not None:
+            self._check_descriptors(self.descriptors, count)
+
+    @staticmethod
+    def _check_descriptors(descriptors: NDArray[np.float32], count: int) -> None:
+        _check("descriptors", descriptors, (count, None), np.float32)
+        squared = np.einsum("nd,nd->n", descriptors, descriptors)
+        # One comparison also refuses NaN and infinity.
+        if not ((np.abs(squared - 1) <= 2 * _UNIT_LENGTH_TOLERANCE) | (squared == 0)).all():
+            raise ValueError("descriptors: expected rows of unit length (or zeros), got another length")
+
+    def __len__(self) -> int:
+        return len(self.xyxy)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Detections:
+        """The chosen rows (a mask, indices or a slice), all fields kept aligned."""
+        descriptors = None if self.descriptors is None else self.descriptors[rows]
+        return Detections(self.xyxy[rows], self.scores[rows], self.labels[rows], descriptors)
+
+    @classmethod
+    def empty(cls, descriptor_size: int | None = None) -> Detections:
+        """No detections, with descriptors of that size or without any."""
+        return cls(
+            np.zeros((0, 4), np.float32),
+            np.zeros(0, np.float32),
+            np.zeros(0, np.int64),
+            None if descriptor_size is None else np.zeros((0, descriptor_size), np.float32),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One object in one frame: its identity, box ``xyxy (4,)`` in px, score, class index and class name."""
+
+    id: int
+    xyxy: NDArray[np.float32]
+    score: float
+    label: int
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """A tracker's answer for one frame: one row for each detection row, in the same order.
+
+    Attributes:
+        ids: (N,) int64, from 1; -1 = no identity (yet).
+        xyxy: (N, 4) float32, px of the original image: the detections' boxes.
+        scores: (N,) float32.
+        labels: (N,) int64.
+        unseen_ids: (U,) int64, objects that are alive and were not detected in this frame.
+        unseen_xyxy: (U, 4) float32, where the tracker believes them to be.
+    """
+
+    ids: NDArray[np.int64]
+    xyxy: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    labels: NDArray[np.int64]
+    unseen_ids: NDArray[np.int64]
+    unseen_xyxy: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __iter__(self) -> Iterator[Track]:
+        """The rows that have an identity."""
+        for row in np.flatnonzero(self.ids != NO_ID):
+            yield Track(int(self.ids[row]), self.xyxy[row], float(self.scores[row]), int(self.labels[row]))

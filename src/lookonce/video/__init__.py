@@ -1,0 +1,1 @@
+"""Any video source as an iterator of frames, and the video writer."""
