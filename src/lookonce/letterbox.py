@@ -7,6 +7,7 @@ is cheaper than converting the whole frame to RGB first (`docs/log.md`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import av
 import numpy as np
@@ -53,7 +54,11 @@ def fit(source: tuple[int, int], network: tuple[int, int]) -> Fit:
 
 def to_rgb(frame: av.VideoFrame, rotation: int = 0) -> NDArray[np.uint8]:
     """A decoded frame as ``(H, W, 3) uint8`` RGB, turned ``rotation`` quarter turns counter-clockwise."""
-    return _turn(frame.to_ndarray(format=_RGB), rotation)
+    return _turn(_pixels(frame, _RGB), rotation)
+
+
+def _pixels(frame: av.VideoFrame, pixel_format: str) -> NDArray[np.uint8]:
+    return cast("NDArray[np.uint8]", frame.to_ndarray(format=pixel_format))
 
 
 def _turn(rgb: NDArray[np.uint8], quarter_turns: int) -> NDArray[np.uint8]:
@@ -88,5 +93,5 @@ class Letterboxer:
         )
         canvas = np.full((*self.network, 3), PADDING_GREY, np.uint8)
         top, left = placed.offset
-        canvas[top : top + placed.scaled[0], left : left + placed.scaled[1]] = _turn(scaled.to_ndarray(), rotation)
+        canvas[top : top + placed.scaled[0], left : left + placed.scaled[1]] = _turn(_pixels(scaled, _RGB), rotation)
         return canvas, placed
