@@ -1,1 +1,22 @@
-"""Sinks: results written frame by frame, valid whenever they are cut off."""
+"""Where results go: MOT text, JSON lines, annotated video."""
+
+from lookonce.output.annotated import AnnotatedVideoSink
+from lookonce.output.drawing import TrackPainter, draw_tracks
+from lookonce.output.folder import prepare_output_folder
+from lookonce.output.jsonl import JsonLinesSink
+from lookonce.output.mot import MotSink
+from lookonce.output.sink import Sink
+from lookonce.output.trails import NO_TRAILS, TrailMemory, Trails
+
+__all__ = [
+    "NO_TRAILS",
+    "AnnotatedVideoSink",
+    "JsonLinesSink",
+    "MotSink",
+    "Sink",
+    "TrackPainter",
+    "TrailMemory",
+    "Trails",
+    "draw_tracks",
+    "prepare_output_folder",
+]

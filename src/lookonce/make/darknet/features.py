@@ -1,0 +1,70 @@
+"""Which layers of a network descriptors may read.
+
+The paper joins, for each output scale, two layers of the same grid: one near the output and one earlier that still
+holds visual features. `near` is the input of the last convolution before the output; `early` is the last backbone
+layer of that stride: the last one before the network goes on to a coarser grid, or, on the coarsest grid, the last
+residual sum (the widest layer, where there are none) before the head. Finer grids than the outputs' are offered too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lookonce.make.darknet.layers import DarknetConfig, Dropout, Layer, Region, Shortcut, Yolo
+
+__all__ = ["ScaleFeatures", "backbone_layers", "scale_features"]
+
+_FINEST_STRIDE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleFeatures:
+    """The layers that descriptors of one output scale read: `output`, `near` and `early`, all of one grid."""
+
+    output: Layer
+    near: Layer
+    early: Layer
+
+
+def scale_features(config: DarknetConfig) -> tuple[ScaleFeatures, ...]:
+    """For each output layer in cfg order, the two layers of its grid that its descriptors read."""
+    backbone = backbone_layers(config)
+    result = []
+    for output in config.outputs:
+        near = _skip_dropout(config, config.layers[output.index - 2])
+        result.append(ScaleFeatures(output, near, backbone[config.stride(output)]))
+    return tuple(result)
+
+
+def backbone_layers(config: DarknetConfig) -> dict[int, Layer]:
+    """The last backbone layer of each stride from 4 to the coarsest output's, by stride in px, finest first."""
+    layers: dict[int, Layer] = {}
+    trunk = config.layers[: _trunk_end(config)]
+    for stride in sorted({config.stride(layer) for layer in trunk if layer.height > 1}):
+        if not _FINEST_STRIDE <= stride <= config.largest_stride:
+            continue
+        of_stride = [layer for layer in trunk if config.stride(layer) == stride]
+        if stride < config.largest_stride:
+            layers[stride] = _skip_dropout(config, of_stride[-1])
+        else:
+            sums = [layer for layer in of_stride if isinstance(layer.spec, Shortcut)]
+            widest = max(of_stride, key=lambda layer: (layer.channels, -layer.index))
+            layers[stride] = sums[-1] if sums else widest
+    return layers
+
+
+def _trunk_end(config: DarknetConfig) -> int:
+    """Index of the first layer after the backbone: where the grid first becomes finer again, or an output comes."""
+    finest = config.size[0]
+    for layer in config.layers:
+        is_output = isinstance(layer.spec, Yolo | Region)
+        if is_output or (layer.height > finest > 1 and finest <= config.size[0] // config.largest_stride):
+            return layer.index if not is_output else layer.index - 2
+        finest = layer.height
+    return len(config.layers)
+
+
+def _skip_dropout(config: DarknetConfig, layer: Layer) -> Layer:
+    while isinstance(layer.spec, Dropout):
+        layer = config.layers[layer.index - 1]
+    return layer

@@ -1,0 +1,128 @@
+"""Writing ONNX operators one by one, and tracing a PyTorch network into a graph to write on."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import onnx_ir as ir
+import torch
+from numpy.typing import NDArray
+from onnx_ir.tape import Tape
+from torch import Tensor, nn
+
+__all__ = ["GraphWriter", "trace"]
+
+OPSET = 18
+
+
+class GraphWriter:
+    """Appends operators to a graph: ``writer("Add", a, b)`` gives the new value."""
+
+    def __init__(self, graph: ir.Graph) -> None:
+        self.graph = graph
+        self._tape = Tape(graph)
+        self._constants = 0
+
+    def __call__(self, op_type: str, *inputs: ir.Value | None, **attributes: Any) -> ir.Value:
+        """Append one operator with one output."""
+        return self._tape.op(op_type, inputs, attributes)
+
+    def many(self, op_type: str, outputs: int, *inputs: ir.Value | None, **attributes: Any) -> Sequence[ir.Value]:
+        """Append one operator with several outputs."""
+        return self._tape.op_multi_out(op_type, inputs, attributes, num_outputs=outputs)
+
+    def constant(self, values: NDArray[Any] | Sequence[int] | int | float) -> ir.Value:
+        """A constant; plain integers become int64, a plain float becomes float32."""
+        array = np.asarray(values)
+        if not isinstance(values, np.ndarray):
+            array = array.astype(np.float32 if array.dtype.kind == "f" else np.int64)
+        self._constants += 1
+        return self._tape.initializer(ir.tensor(array, name=f"constant_{self._constants}"))
+
+    def cast(self, value: ir.Value, dtype: ir.DataType) -> ir.Value:
+        """The value in another type."""
+        return self("Cast", value, to=int(dtype))
+
+    def size(self, value: ir.Value, axis: int) -> ir.Value:
+        """(1,) int64: the length of one axis."""
+        return self("Shape", value, start=axis, end=axis + 1)
+
+    def input_with_default(self, name: str, default: NDArray[Any], doc: str) -> ir.Value:
+        """A scalar input that may be left out."""
+        value = self._tape.initializer(ir.tensor(default, name=name))
+        value.doc_string = doc
+        self.graph.inputs.append(value)
+        return value
+
+    def output(self, name: str, value: ir.Value, dtype: ir.DataType, shape: Sequence[int | str], doc: str) -> None:
+        """Declare ``value`` as an output of the graph."""
+        result = self("Identity", value)
+        result.name, result.doc_string = name, doc
+        result.dtype, result.shape = dtype, ir.Shape(shape)
+        self.graph.outputs.append(result)
+
+
+class _ImagesIn(nn.Module):
+    """A network behind the model file's input: uint8 RGB rows to float planes in [0, 1]."""
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, images: Tensor) -> tuple[Tensor, ...]:
+        planes = images.permute(0, 3, 1, 2).to(torch.float32) / 255  # (B, H, W, 3) -> (B, 3, H, W)
+        raw, features = self.network(planes)
+        return (*raw, *features.values())
+
+
+def trace(network: nn.Module, size: tuple[int, int], names: Sequence[str]) -> tuple[ir.Model, Mapping[str, ir.Value]]:
+    """A network as an ONNX model that takes ``images (B, H, W, 3) uint8``.
+
+    Args:
+        network: (B, 3, H, W) float in [0, 1] -> (list of raw maps, dict of features), in evaluation mode.
+        size: H, W.
+        names: of the raw maps, then the features; the tensors carry them in the graph.
+
+    Returns:
+        The model, without outputs yet, and its named tensors.
+    """
+    example = torch.zeros(
+        2, *size, 3, dtype=torch.uint8
+    )  # two images: the exporter takes a batch of one for a constant
+    with _quiet_exporter():
+        program = torch.onnx.export(
+            _ImagesIn(network).eval(),
+            (example,),
+            dynamo=True,
+            input_names=["images"],
+            output_names=list(names),
+            dynamic_shapes={"images": {0: torch.export.Dim("batch")}},
+            opset_version=OPSET,
+            verbose=False,
+        )
+    assert program is not None
+    model: ir.Model = program.model
+    values = {str(value.name): value for value in model.graph.outputs}
+    model.graph.outputs.clear()
+    for node in model.graph:
+        node.metadata_props.clear()  # stack traces of the machine that exported
+    return model, values
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """Silence the exporter's remarks on packages that nobody asked for."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
