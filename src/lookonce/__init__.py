@@ -1,1 +1,89 @@
-"""Multi-object tracking that looks once: boxes and identities from one pass of the detector."""
+"""Multi-object tracking that looks once: boxes and identities from one pass of the detector.
+
+    import lookonce
+
+    for frame in lookonce.track("traffic.mp4", model="model.onnx"):
+        for t in frame.tracks:
+            print(frame.time_s, t.id, t.name, t.xyxy, t.score)
+
+The parts, for those who bring their own: :class:`Model` (picture -> detections with descriptors), :class:`Tracker`
+(detections -> identities), :func:`open_video` (any source -> frames).
+
+Importing the package loads none of its parts; each name is imported when it is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lookonce.errors import (
+        ConfigError,
+        FormatError,
+        LookonceError,
+        ModelError,
+        OutputError,
+        VideoError,
+        WeightsError,
+    )
+    from lookonce.model import Model
+    from lookonce.pipeline import TrackedFrame, track
+    from lookonce.structures import Detections, Track, Tracks
+    from lookonce.tracking import PaperConfig, Tracker
+    from lookonce.video import Frame, open_video
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ConfigError",
+    "Detections",
+    "FormatError",
+    "Frame",
+    "LookonceError",
+    "Model",
+    "ModelError",
+    "OutputError",
+    "PaperConfig",
+    "Track",
+    "TrackedFrame",
+    "Tracker",
+    "Tracks",
+    "VideoError",
+    "WeightsError",
+    "__version__",
+    "open_video",
+    "track",
+]
+
+_HOMES = {
+    "ConfigError": "errors",
+    "Detections": "structures",
+    "FormatError": "errors",
+    "Frame": "video",
+    "LookonceError": "errors",
+    "Model": "model",
+    "ModelError": "errors",
+    "OutputError": "errors",
+    "PaperConfig": "tracking",
+    "Track": "structures",
+    "TrackedFrame": "pipeline",
+    "Tracker": "tracking",
+    "Tracks": "structures",
+    "VideoError": "errors",
+    "WeightsError": "errors",
+    "open_video": "video",
+    "track": "pipeline",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'lookonce' has no attribute '{name}'")
+    value: object = getattr(import_module(f"lookonce.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -37,7 +37,7 @@ class Detections:
     """What the detector saw in one frame, checked on construction.
 
     Attributes:
-        xyxy: (N, 4) float32, px of the original image, left <= right and top <= bottom.
+        xyxy: (N, 4) float32, px of the original image, left < right and top < bottom.
         scores: (N,) float32, confidence in [0, 1].
         labels: (N,) int64, index into the model's class names.
         descriptors: (N, D) float32, rows of unit length (a row of zeros: this detection has none), or None where the
@@ -59,8 +59,8 @@ class Detections:
         _check("labels", self.labels, (count,), np.int64)
         _check_finite("xyxy", self.xyxy)
         _check_finite("scores", self.scores)
-        if (self.xyxy[:, 2:] < self.xyxy[:, :2]).any():
-            raise ValueError("xyxy: expected left <= right and top <= bottom, got a box of negative size")
+        if (self.xyxy[:, 2:] <= self.xyxy[:, :2]).any():
+            raise ValueError("xyxy: expected left < right and top < bottom, got a box of zero or negative size")
         if self.descriptors is not None:
             self._check_descriptors(self.descriptors, count)
 

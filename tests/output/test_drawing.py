@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
+from PIL import ImageFont
 
+from lookonce.errors import ConfigError
 from lookonce.output import TrackPainter, TrailMemory, draw_tracks
 from lookonce.output.colours import track_colour
 from output.scenes import grey, make_tracks
@@ -153,3 +155,27 @@ def test_colour_of_an_id_does_not_depend_on_the_others():
     beside = draw_tracks(grey(120, 160), make_tracks([8, 7], [other, box]))
     assert np.array_equal(alone[:60], beside[:60])
     assert _has_colour(beside, 8)
+
+
+def test_names_beyond_ascii_are_spelled_without_accents():
+    tracks = make_tracks([1], [[40, 40, 60, 60]])
+    accented, plain = (draw_tracks(grey(120, 160), tracks, [name]) for name in ("vélo", "velo"))
+    assert np.array_equal(accented, plain)
+
+
+def test_font_of_ones_own_keeps_the_accents(tmp_path):
+    font = tmp_path / "font.ttf"
+    font.write_bytes(ImageFont.load_default(10).path.getvalue())  # Pillow's own, as a file
+    tracks = make_tracks([1], [[40, 40, 60, 60]])
+    velo, accented = (draw_tracks(grey(120, 160), tracks, [name], font=font) for name in ("velo", "vélo"))
+    assert (velo != 100).any()
+    assert not np.array_equal(velo, accented)
+
+
+@pytest.mark.parametrize("content", [pytest.param(None, id="missing"), pytest.param(b"no font", id="damaged")])
+def test_font_that_cannot_be_read_is_named(tmp_path, content):
+    font = tmp_path / "font.ttf"
+    if content:
+        font.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"font\.ttf: cannot be read as a font"):
+        TrackPainter(["person"], font)

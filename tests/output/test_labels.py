@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lookonce.output.labels import TextMasks, place_labels
+from lookonce.output.labels import TextMasks, place_labels, plain_ascii
 
 SIZE = (100, 200)
 
@@ -55,3 +55,17 @@ def test_kept_texts_are_bounded():
     for number in range(3000):
         texts(str(number))
     assert len(texts._masks) <= 1024
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        pytest.param("person", "person", id="ascii"),
+        pytest.param("Straßenbahn", "Strassenbahn", id="sharp s"),
+        pytest.param("Fußgänger", "Fussganger", id="umlaut"),
+        pytest.param("自転車", "???", id="no Latin letters"),
+        pytest.param("", "", id="empty"),
+    ],
+)
+def test_plain_ascii(text, expected):
+    assert plain_ascii(text) == expected

@@ -41,10 +41,12 @@ class AnnotatedVideoSink(Sink):
         names: the class names by label.
         rate_hint: frames a second of the source, as far as known.
         trail_s: length of the trails in seconds, above 0.
+        font: a TrueType or OpenType file for names beyond ASCII; None = Pillow's own, accents dropped.
         open_writer: opens the file; ``VideoWriter`` unless another encoder is wanted.
 
     Raises:
         OutputError: the file cannot be created.
+        ConfigError: the font cannot be read.
     """
 
     def __init__(
@@ -53,10 +55,11 @@ class AnnotatedVideoSink(Sink):
         names: Sequence[str],
         rate_hint: float,
         trail_s: float = 1.5,
+        font: Path | None = None,
         open_writer: Callable[[Path, float], FrameWriter] = VideoWriter,
     ) -> None:
         self.path = path
-        self._painter = TrackPainter(names)
+        self._painter = TrackPainter(names, font)
         self._trails = TrailMemory(trail_s)
         self._failed = False
         self._closed = False

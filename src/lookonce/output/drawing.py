@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from lookonce.boxes import clip
 from lookonce.output.class_names import class_name
 from lookonce.output.colours import Colour, text_colour, track_colour
-from lookonce.output.labels import TextMasks, place_labels
+from lookonce.output.labels import TextMasks, place_labels, plain_ascii
 from lookonce.output.trails import NO_TRAILS, Trails, paint_trails_
 from lookonce.structures import NO_ID, Tracks
 
@@ -25,7 +26,11 @@ _CACHED_PALETTES = 1024  # 768 bytes each
 
 
 def draw_tracks(
-    image: NDArray[np.uint8], tracks: Tracks, names: Sequence[str] = (), trails: Trails = NO_TRAILS
+    image: NDArray[np.uint8],
+    tracks: Tracks,
+    names: Sequence[str] = (),
+    trails: Trails = NO_TRAILS,
+    font: Path | None = None,
 ) -> NDArray[np.uint8]:
     """A copy of a picture with its tracks drawn in; for a stream, a ``TrackPainter`` is faster.
 
@@ -34,11 +39,15 @@ def draw_tracks(
         tracks: the objects; their boxes may reach beyond the picture.
         names: the class names by label.
         trails: paths to draw, from a ``TrailMemory``.
+        font: a TrueType or OpenType file for names beyond ASCII; None = Pillow's own, accents dropped.
 
     Returns:
         (H, W, 3) uint8 RGB.
+
+    Raises:
+        ConfigError: the font cannot be read.
     """
-    return TrackPainter(names).draw(image, tracks, trails)
+    return TrackPainter(names, font).draw(image, tracks, trails)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +72,18 @@ class TrackPainter:
 
     Args:
         names: the class names by label.
+        font: a TrueType or OpenType file for names beyond ASCII; None = Pillow's own, accents dropped.
+
+    Raises:
+        ConfigError: the font cannot be read.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = [_shorten(name) for name in names]
+    def __init__(self, names: Sequence[str], font: Path | None = None) -> None:
+        self._names = [_shorten(name if font else plain_ascii(name)) for name in names]
+        self._font = font
         self._size = (0, 0)
         self._style = _Style.fitting(self._size)
-        self._texts = TextMasks(self._style.font_px)
+        self._texts = TextMasks(self._style.font_px, font)
         self._palettes: dict[int, NDArray[np.uint8]] = {}
 
     def draw(self, image: NDArray[np.uint8], tracks: Tracks, trails: Trails = NO_TRAILS) -> NDArray[np.uint8]:
@@ -98,7 +112,7 @@ class TrackPainter:
             return
         style = _Style.fitting(size)
         if style.font_px != self._style.font_px:
-            self._texts = TextMasks(style.font_px)
+            self._texts = TextMasks(style.font_px, self._font)
         self._size, self._style = size, style
 
     def _paint_labels_(

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import unicodedata
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-__all__ = ["TextMasks", "place_labels"]
+from lookonce.errors import ConfigError
+
+__all__ = ["TextMasks", "place_labels", "plain_ascii"]
 
 _CACHED_TEXTS = 1024  # all scores and the names of several crowds; a mask is a few kB
 _OWN_BOX_WEIGHT = 0.5  # to hide another label is twice as bad as to hide one's own object
@@ -17,10 +22,14 @@ class TextMasks:
 
     Args:
         font_px: font size in px.
+        font: a TrueType or OpenType file; None = Pillow's own font, which has little beyond ASCII.
+
+    Raises:
+        ConfigError: the font cannot be read.
     """
 
-    def __init__(self, font_px: int) -> None:
-        self._font = ImageFont.load_default(font_px)
+    def __init__(self, font_px: int, font: Path | None = None) -> None:
+        self._font = _load_font(font, font_px)
         self._masks: dict[str, NDArray[np.uint8]] = {}
         self._padding = max(1, round(font_px / 6))
         # The height is that of figures and capitals, with room for descenders: equal for all texts.
@@ -42,6 +51,26 @@ class TextMasks:
         canvas = Image.new("L", (width, self.height))
         ImageDraw.Draw(canvas).text((self._padding, self._baseline), text, fill=255, font=self._font, anchor="ls")
         return np.asarray(canvas)
+
+
+def _load_font(path: Path | None, font_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    if path is None:
+        return ImageFont.load_default(font_px)
+    try:
+        return ImageFont.truetype(path, font_px)
+    except OSError as exc:
+        raise ConfigError(f"{path}: cannot be read as a font ({exc}); give a .ttf or .otf file") from exc
+
+
+def plain_ascii(text: str) -> str:
+    """The text in letters that Pillow's own font has: accents dropped, anything further off as "?".
+
+    >>> plain_ascii("Straßenbahn, vélo, 車")
+    'Strassenbahn, velo, ?'
+    """
+    decomposed = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
+    kept = "".join(character for character in decomposed if not unicodedata.combining(character))
+    return kept.encode("ascii", errors="replace").decode("ascii")
 
 
 def place_labels(

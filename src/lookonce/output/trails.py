@@ -142,10 +142,10 @@ def _cover(
     Returns:
         For each of K touched pixels: its flat index (K,), how much it is covered (K,) in (0, 1], by which sample (K,).
     """
-    reach = int(np.ceil(radius.max() + 0.5))
-    offsets = np.arange(-reach, reach + 1)
-    corner = np.floor(centres).astype(np.int64)  # (S, 2)
-    columns, rows = corner[:, :1] + offsets, corner[:, 1:] + offsets  # (S, R)
+    reach = float(radius.max()) + 0.5  # cells with their middle as near as this are touched
+    first = np.ceil(centres - 0.5 - reach).astype(np.int64)  # (S, 2)
+    steps = np.arange(int(2 * reach) + 1)
+    columns, rows = first[:, :1] + steps, first[:, 1:] + steps  # (S, R)
     across = _squared_offset(columns, centres[:, :1], size[1])
     down = _squared_offset(rows, centres[:, 1:], size[0])
     squared = across[:, None, :] + down[:, :, None]  # (S, R, R)
@@ -157,7 +157,7 @@ def _cover(
 
 
 def _squared_offset(cells: NDArray[np.int64], centre: NDArray[np.float32], limit: int) -> NDArray[np.float32]:
-    """Squared distance on one axis from cells (S, R), at their middle, to the centre (S, 1); off the picture infinite."""
+    """Squared distance on one axis from the middle of cells (S, R) to centres (S, 1); infinite off the picture."""
     squared: NDArray[np.float32] = np.square(cells + np.float32(0.5) - centre, dtype=np.float32)
     squared[(cells < 0) | (cells >= limit)] = np.inf
     return squared

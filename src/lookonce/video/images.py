@@ -6,6 +6,7 @@ import configparser
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -53,7 +54,7 @@ def is_image(path: Path) -> bool:
 
 def natural_order(paths: Iterable[Path]) -> list[Path]:
     """Sorted so that img2 comes before img10."""
-    return sorted(paths, key=lambda path: ([_number_or_text(t) for t in re.split(r"(\d+)", path.name)], str(path)))
+    return sorted(paths, key=lambda path: ([_number_or_text(t) for t in re.split(r"(\d+)", str(path))], str(path)))
 
 
 def _number_or_text(text: str) -> tuple[int, str]:
@@ -83,7 +84,9 @@ def folder_source(folder: Path, selection: Selection, rate: float | None) -> Vid
         raise VideoError(f"{one_line(folder)}: no pictures in this folder; expected {kinds}, or a folder img1 of them")
     named = images.resolve()
     name = named.parent.name if named.name == "img1" or named != folder.resolve() else named.name
-    return pictures_source(paths, selection, rate or _frame_rate(info), name=name or "images", shown=one_line(folder))
+    return pictures_source(
+        paths, selection, _frame_rate(info) if rate is None else rate, name=name or "images", shown=one_line(folder)
+    )
 
 
 def _pictures_in(folder: Path) -> list[Path]:
@@ -145,9 +148,7 @@ def pictures_source(
         length_s = entries[-1].time_s + 1 / rate
         raise VideoError(f"{shown}: start, end and every leave no picture; it is {length_s:.2f} s long at {rate:g} fps")
     findings = Findings()
-    return VideoSource(
-        lambda: _read(wanted, findings, shown), findings, name=name, frame_count=len(wanted), rate=rate
-    )
+    return VideoSource(lambda: _read(wanted, findings, shown), findings, name=name, frame_count=len(wanted), rate=rate)
 
 
 def _indices(paths: Sequence[Path]) -> list[int]:
@@ -157,7 +158,7 @@ def _indices(paths: Sequence[Path]) -> list[int]:
     """
     matches = [_NUMBERED.fullmatch(path.stem) for path in paths]
     numbers = [int(match[1]) for match in matches if match]
-    if len(numbers) < len(paths) or any(b <= a for a, b in zip(numbers, numbers[1:], strict=False)) or len(paths) < 2:
+    if len(numbers) < len(paths) or any(b <= a for a, b in pairwise(numbers)) or len(paths) < 2:
         return list(range(len(paths)))
     start = 0 if numbers[0] == 0 else 1
     return [number - start for number in numbers]

@@ -85,7 +85,9 @@ def _open_glob(pattern: str, selection: Selection, fps: float | None) -> VideoSo
     if len(paths) == 1:
         return _open_path(paths[0], selection, fps)
     if not all(is_image(path) for path in paths):
-        raise ConfigError(f"{one_line(pattern)} matches {len(paths)} files that are not all pictures; give one at a time")
+        raise ConfigError(
+            f"{one_line(pattern)} matches {len(paths)} files that are not all pictures; give one at a time"
+        )
     folder = paths[0].resolve().parent
     name = folder.parent.name if folder.name == "img1" else folder.name
     return pictures_source(paths, selection, fps, name=name or "images", shown=one_line(pattern))

@@ -97,9 +97,7 @@ def open_url(url: str) -> InputContainer:
     if scheme.startswith("rtsp"):
         options["rtsp_transport"] = "tcp"  # over UDP, lost packets tear pictures
     try:
-        return av.open(
-            url, "r", options=options, metadata_errors="replace", timeout=(_OPEN_TIMEOUT_S, _READ_TIMEOUT_S)
-        )
+        return av.open(url, "r", options=options, metadata_errors="replace", timeout=(_OPEN_TIMEOUT_S, _READ_TIMEOUT_S))
     except (av.FFmpegError, OSError) as exc:
         shown = without_password(url)
         raise VideoError(f"{shown}: cannot be opened: {explain(exc)}; check the address, and that it plays") from exc

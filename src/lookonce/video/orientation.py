@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
+from typing import cast
 
 import av
 import numpy as np
-from av.sidedata.sidedata import Type
+from av.sidedata.sidedata import SideDataContainer, Type
 from numpy.typing import NDArray
 
 from lookonce.letterbox import to_rgb
@@ -35,7 +36,7 @@ def orient(picture: av.VideoFrame) -> tuple[av.VideoFrame | NDArray[np.uint8], i
 
 def _display_matrix(picture: av.VideoFrame) -> tuple[int, int, int, int] | None:
     """(a, b, c, d) of x' = a x + c y, y' = b x + d y with y downwards, or None where the decoder reports nothing."""
-    for data in picture.side_data:
+    for data in cast(SideDataContainer, picture.side_data):  # PyAV's stub names another type
         if data.type is Type.DISPLAYMATRIX:
             a, b, _, c, d, *_ = _MATRIX.unpack(bytes(data))
             return a, b, c, d

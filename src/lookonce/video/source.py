@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 from collections.abc import Callable, Generator, Iterator
 from types import TracebackType
@@ -106,7 +107,7 @@ class VideoSource:
         """Closes what is open; a loop in another thread ends with its next frame. Closing twice is harmless."""
         self._closed = True
         self._first = None
-        if not self._frames.gi_running:
+        if inspect.getgeneratorstate(self._frames) != inspect.GEN_RUNNING:
             self._frames.close()
 
     def __enter__(self) -> Self:

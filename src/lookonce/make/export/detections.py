@@ -107,10 +107,14 @@ def write_detections(g: GraphWriter, scales: Sequence[OutputScale], classes: int
         "score_threshold", np.array(DEFAULT_SCORE_THRESHOLD, np.float32), "scalar: detections above this score are kept"
     )
     iou_threshold = g.input_with_default(
-        "iou_threshold", np.array(DEFAULT_IOU_THRESHOLD, np.float32), "scalar: of two boxes of a class, overlap that drops one"
+        "iou_threshold",
+        np.array(DEFAULT_IOU_THRESHOLD, np.float32),
+        "scalar: of two boxes of a class, overlap that drops one",
     )
     max_detections = g.input_with_default(
-        "max_detections", np.array(DEFAULT_MAX_DETECTIONS, np.int64), "scalar: at most so many for an image, the best ones"
+        "max_detections",
+        np.array(DEFAULT_MAX_DETECTIONS, np.int64),
+        "scalar: at most so many for an image, the best ones",
     )
     tables = _tables(scales, classes)
     objectness, candidates = _candidates(g, scales, classes, score_threshold)

@@ -1,0 +1,151 @@
+"""The paper's tracking rule (section 3.3), preset ``paper``: appearance only, against the previous frame only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.errors import ConfigError
+from lookonce.structures import NO_ID, Detections, Tracks
+from lookonce.tracking.distance import SCALE, quantize, squared_distances, squared_lengths
+from lookonce.tracking.greedy import assign_greedily
+
+__all__ = ["PaperConfig", "PaperRule"]
+
+_NO_IDS = np.zeros(0, np.int64)
+_NO_BOXES = np.zeros((0, 4), np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperConfig:
+    """Settings of the preset ``paper``.
+
+    Attributes:
+        match_threshold: largest Euclidean distance, between 0 and 2, of descriptors that may belong to one object.
+            The paper calls it predefined and gives no value; this one is for descriptors of kind ``native``
+            (`docs/log.md`). A model file that carries a calibrated value overrides it.
+    """
+
+    match_threshold: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.match_threshold) and 0 < self.match_threshold <= 2):
+            raise ConfigError(f"match_threshold={self.match_threshold}: expected above 0, at most 2")
+
+
+@dataclass(slots=True)
+class _Objects:
+    """The objects of the previous frame, P of them, in the order of its rows.
+
+    Attributes:
+        ids: (P,) int64.
+        seen: (P,) int64, how many descriptors each has had, counted up to 3.
+        newest, second: (P, D) quantized, the last two descriptors; the second is valid where ``seen`` is 2 or more.
+        reference: (P, D) quantized, what the next frame is compared with.
+        lengths: (P,) squared lengths of the references.
+    """
+
+    ids: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    newest: NDArray[np.float64]
+    second: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+
+
+class PaperRule:
+    """Matches each frame's descriptors with the objects of the frame before.
+
+    The object's reference is the element-wise median of its last three descriptors once there are three, before that
+    the newest one. Pairs above the threshold are dropped, then the smallest distance is taken first, each object and
+    detection once. Detections that are left are new objects; objects that are left are forgotten.
+    """
+
+    def __init__(self, config: PaperConfig) -> None:
+        self.config = config
+        self._next_id = 1
+        self._objects: _Objects | None = None
+        self._limit = (config.match_threshold * SCALE) ** 2
+
+    def update(self, detections: Detections) -> Tracks:
+        """Identities for the rows of one frame; a row whose descriptor is zero gets none.
+
+        Raises:
+            ValueError: the detections have no descriptors, or of another length than before.
+        """
+        if detections.descriptors is None:
+            raise ValueError("preset 'paper' matches descriptors; these detections have none (descriptors=None)")
+        quantized = quantize(detections.descriptors)
+        lengths = squared_lengths(quantized)
+        if np.count_nonzero(lengths) == len(lengths):
+            ids = self._identify(quantized, lengths)
+        else:
+            ids = np.full(len(detections), NO_ID, np.int64)
+            has_descriptor = lengths > 0
+            ids[has_descriptor] = self._identify(quantized[has_descriptor], lengths[has_descriptor])
+        return Tracks(ids, detections.xyxy, detections.scores, detections.labels, _NO_IDS, _NO_BOXES)
+
+    def _identify(self, quantized: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Ids (N,) of descriptors (N, D); they become the previous frame."""
+        before = self._objects
+        count = len(quantized)
+        if before is None or not (count and len(before.ids)):
+            first = self._new_ids(count)
+            self._objects = _Objects(first, np.ones(count, np.int64), quantized, quantized, quantized, lengths)
+            return first
+        if quantized.shape[1] != before.reference.shape[1]:
+            raise ValueError(
+                f"descriptors: expected {before.reference.shape[1]} values as before, got {quantized.shape[1]}"
+            )
+        squared = squared_distances(before.reference, quantized, before.lengths, lengths)
+        by_id = before.ids.argsort()  # of equal distances the lowest id wins
+        object_of = assign_greedily(squared[by_id], self._limit)
+        is_known = object_of >= 0
+        object_of = by_id[object_of]  # of new rows: some object, whose values are never read
+        ids: NDArray[np.int64] = np.where(is_known, before.ids[object_of], NO_ID)
+        new = count - int(np.count_nonzero(is_known))
+        if new:
+            ids[~is_known] = self._new_ids(new)
+        seen = np.where(is_known, np.minimum(before.seen[object_of] + 1, 3), 1)
+        second, third = before.newest[object_of], before.second[object_of]
+        reference, lengths = _references(seen, quantized, second, third, lengths)
+        self._objects = _Objects(ids, seen, quantized, second, reference, lengths)
+        return ids
+
+    def _new_ids(self, count: int) -> NDArray[np.int64]:
+        first = self._next_id
+        self._next_id += count
+        return np.arange(first, self._next_id)
+
+
+def _references(
+    seen: NDArray[np.int64],
+    newest: NDArray[np.float64],
+    second: NDArray[np.float64],
+    third: NDArray[np.float64],
+    lengths: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the next frame is compared with, (P, D), and its squared lengths (P,): the median of three, or the newest.
+
+    ``lengths`` are those of ``newest``.
+    """
+    has_three = seen == 3
+    count = np.count_nonzero(has_three)
+    if count == 0:
+        return newest, lengths
+    if count == len(seen):
+        medians = _median_of_three(newest, second, third)
+        return medians, squared_lengths(medians)
+    reference = newest.copy()
+    reference[has_three] = _median_of_three(newest[has_three], second[has_three], third[has_three])
+    return reference, squared_lengths(reference)
+
+
+def _median_of_three(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Element-wise median of three arrays of one shape."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    np.minimum(high, c, out=high)
+    return np.maximum(low, high, out=low)
