@@ -113,6 +113,7 @@ class Tracks:
         labels: (N,) int64.
         unseen_ids: (U,) int64, objects that are alive and were not detected in this frame.
         unseen_xyxy: (U, 4) float32, where the tracker believes them to be.
+        names: class names by label, where known.
     """
 
     ids: NDArray[np.int64]
@@ -121,6 +122,7 @@ class Tracks:
     labels: NDArray[np.int64]
     unseen_ids: NDArray[np.int64]
     unseen_xyxy: NDArray[np.float32]
+    names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -128,4 +130,6 @@ class Tracks:
     def __iter__(self) -> Iterator[Track]:
         """The rows that have an identity."""
         for row in np.flatnonzero(self.ids != NO_ID):
-            yield Track(int(self.ids[row]), self.xyxy[row], float(self.scores[row]), int(self.labels[row]))
+            label = int(self.labels[row])
+            name = self.names[label] if 0 <= label < len(self.names) else ""
+            yield Track(int(self.ids[row]), self.xyxy[row], float(self.scores[row]), label, name)

@@ -3,7 +3,7 @@ import pytest
 
 from lookonce.output import NO_TRAILS, TrailMemory, Trails
 from lookonce.output.colours import track_colour
-from lookonce.output.trails import paint_trails_
+from lookonce.output.trails import TrailBrush
 from output.scenes import grey, make_tracks
 
 
@@ -74,7 +74,7 @@ def test_duration_must_be_above_zero(duration_s):
 
 def test_trail_fades_and_thins_towards_its_end():
     image = grey(40, 100)
-    paint_trails_(image, _line((10, 20), (90, 20)), width_px=5)
+    TrailBrush().paint_(image, _line((10, 20), (90, 20)), width_px=5)
     changed = (image != 100).any(axis=2).sum(axis=0)
     assert changed[85] > changed[30] > 0
     colour = np.array(track_colour(1))
@@ -87,7 +87,7 @@ def test_trail_fades_and_thins_towards_its_end():
 def test_trails_of_two_ids_are_not_joined():
     image = grey()
     two = Trails(np.array([1, 2]), np.array([[5, 30], [70, 30]], np.float32), np.ones(2, np.float32))
-    paint_trails_(image, two, width_px=3)
+    TrailBrush().paint_(image, two, width_px=3)
     assert (image == 100).all()
 
 
@@ -103,11 +103,30 @@ def test_trails_of_two_ids_are_not_joined():
     ],
 )
 def test_any_path_can_be_painted(trails):
-    paint_trails_(grey(), trails, width_px=3)
+    TrailBrush().paint_(grey(), trails, width_px=3)
 
 
 def test_trail_that_leaves_the_picture_does_not_enter_on_the_other_side():
     image = grey()
-    paint_trails_(image, _line((70, 30), (90, 30)), width_px=3)
+    TrailBrush().paint_(image, _line((70, 30), (90, 30)), width_px=3)
     assert (image[:, :60] == 100).all()
     assert (image[29:31, 79] != 100).any()
+
+
+def test_brush_keeps_nothing_of_the_picture_before():
+    brush = TrailBrush()
+    brush.paint_(grey(), _line((5, 30), (70, 30)), width_px=5)
+    again, fresh = grey(), grey()
+    brush.paint_(again, _line((5, 20), (70, 40), identity=2), width_px=3)
+    TrailBrush().paint_(fresh, _line((5, 20), (70, 40), identity=2), width_px=3)
+    assert np.array_equal(again, fresh)
+
+
+def test_crossing_trails_take_the_fresher_one_whatever_their_order():
+    old, new = _line((5, 30), (75, 30)), _line((40, 58), (40, 20), identity=2)
+    pictures = []
+    for parts in ((old, new), (new, old)):
+        both = Trails(*(np.concatenate([getattr(part, name) for part in parts]) for name in Trails.__slots__))
+        pictures.append(grey())
+        TrailBrush().paint_(pictures[-1], both, width_px=3)
+    assert np.array_equal(*pictures)

@@ -14,7 +14,7 @@ from lookonce.boxes import clip
 from lookonce.output.class_names import class_name
 from lookonce.output.colours import Colour, text_colour, track_colour
 from lookonce.output.labels import TextMasks, place_labels, plain_ascii
-from lookonce.output.trails import NO_TRAILS, Trails, paint_trails_
+from lookonce.output.trails import NO_TRAILS, TrailBrush, Trails
 from lookonce.structures import NO_ID, Tracks
 
 __all__ = ["TrackPainter", "draw_tracks"]
@@ -84,6 +84,7 @@ class TrackPainter:
         self._size = (0, 0)
         self._style = _Style.fitting(self._size)
         self._texts = TextMasks(self._style.font_px, font)
+        self._brush = TrailBrush()
         self._palettes: dict[int, NDArray[np.uint8]] = {}
 
     def draw(self, image: NDArray[np.uint8], tracks: Tracks, trails: Trails = NO_TRAILS) -> NDArray[np.uint8]:
@@ -95,7 +96,7 @@ class TrackPainter:
         canvas = np.array(image, order="C")
         height, width = canvas.shape[:2]
         self._fit((height, width))
-        paint_trails_(canvas, trails, self._style.trail_px)
+        self._brush.paint_(canvas, trails, self._style.trail_px)
         rows, boxes = _visible(tracks, (height, width))
         ids = tracks.ids[rows]
         for identity, box in zip(ids.tolist(), boxes.tolist(), strict=True):

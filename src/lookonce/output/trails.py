@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lookonce.output.colours import track_colour
 from lookonce.structures import NO_ID, Tracks
 
-__all__ = ["NO_TRAILS", "TrailMemory", "Trails", "paint_trails_"]
+__all__ = ["NO_TRAILS", "TrailBrush", "TrailMemory", "Trails"]
 
 _MAX_STEPS = 64  # moments kept of one trail, whatever the frame rate
 _OPACITY = 0.9  # at the newest point
@@ -80,32 +80,49 @@ class TrailMemory:
         )
 
 
-def paint_trails_(image: NDArray[np.uint8], trails: Trails, width_px: float) -> None:
-    """Draw into ``image``: each trail as a smooth line that fades and thins.
+class TrailBrush:
+    """Draws trails as smooth lines that fade and thin.
 
     The lines are sampled as discs, all of them in one go, and each pixel takes the disc that covers it most: the cost
-    grows with the length of the trails, not with the picture.
-
-    Args:
-        image: (H, W, 3) uint8 RGB, contiguous, modified.
-        trails: the paths; parts outside the picture are skipped.
-        width_px: width at the newest point.
+    grows with the length of the trails, not with the picture. The brush keeps one array of the picture's size between
+    calls, because fresh memory for it would cost a good part of the drawing time.
     """
-    height, width = image.shape[:2]
-    centres, freshness, ids = _sample(trails, (height, width), _SAMPLE_SPACING * width_px / 2)
-    if not len(ids):
-        return
-    radius = width_px / 2 * (_TAIL_WIDTH + (1 - _TAIL_WIDTH) * freshness)
-    pixels, cover, samples = _cover(centres, radius, _OPACITY * freshness, (height, width))
-    strongest = np.zeros(height * width, np.float32)
-    np.maximum.at(strongest, pixels, cover)
-    shown = cover == strongest[pixels]
-    pixels, opacity, samples = pixels[shown], cover[shown, None], samples[shown]
-    known, which = np.unique(ids, return_inverse=True)
-    colours = np.array([track_colour(identity) for identity in known.tolist()], np.float32)[which[samples]]
-    flat = image.reshape(-1, 3)
-    before = flat[pixels]
-    flat[pixels] = (before + opacity * (colours - before) + 0.5).astype(np.uint8)
+
+    def __init__(self) -> None:
+        self._strongest = np.zeros(0, np.float32)  # by flat pixel index; all 0 between calls
+
+    def paint_(self, image: NDArray[np.uint8], trails: Trails, width_px: float) -> None:
+        """Draw into ``image``.
+
+        Args:
+            image: (H, W, 3) uint8 RGB, contiguous, modified.
+            trails: the paths; parts outside the picture are skipped.
+            width_px: width at the newest point.
+        """
+        height, width = image.shape[:2]
+        centres, freshness, ids = _sample(trails, (height, width), _SAMPLE_SPACING * width_px / 2)
+        if not len(ids):
+            return
+        radius = width_px / 2 * (_TAIL_WIDTH + (1 - _TAIL_WIDTH) * freshness)
+        pixels, cover, samples = _cover(centres, radius, _OPACITY * freshness, (height, width))
+        shown = self._is_strongest(pixels, cover, height * width)
+        pixels, opacity, samples = pixels[shown], cover[shown, None], samples[shown]
+        known, which = np.unique(ids, return_inverse=True)
+        palette = np.array([track_colour(identity) for identity in known.tolist()], np.float32)
+        flat = image.reshape(-1, 3)
+        before = flat[pixels]
+        flat[pixels] = (before + opacity * (palette[which[samples]] - before) + 0.5).astype(np.uint8)
+
+    def _is_strongest(
+        self, pixels: NDArray[np.int64], cover: NDArray[np.float32], pixel_count: int
+    ) -> NDArray[np.bool_]:
+        """(K,) bool: for each touch of a pixel (K,), whether no other touch of that pixel covers it more."""
+        if len(self._strongest) != pixel_count:
+            self._strongest = np.zeros(pixel_count, np.float32)
+        np.maximum.at(self._strongest, pixels, cover)
+        is_strongest: NDArray[np.bool_] = cover == self._strongest[pixels]
+        self._strongest[pixels] = 0
+        return is_strongest
 
 
 def _sample(
@@ -144,16 +161,17 @@ def _cover(
     """
     reach = float(radius.max()) + 0.5  # cells with their middle as near as this are touched
     first = np.ceil(centres - 0.5 - reach).astype(np.int64)  # (S, 2)
-    steps = np.arange(int(2 * reach) + 1)
-    columns, rows = first[:, :1] + steps, first[:, 1:] + steps  # (S, R)
-    across = _squared_offset(columns, centres[:, :1], size[1])
-    down = _squared_offset(rows, centres[:, 1:], size[0])
-    squared = across[:, None, :] + down[:, :, None]  # (S, R, R)
+    steps = np.arange(int(2 * reach) + 1)  # (R,)
+    across = _squared_offset(first[:, :1] + steps, centres[:, :1], size[1])
+    down = _squared_offset(first[:, 1:] + steps, centres[:, 1:], size[0])
+    squared = (down[:, :, None] + across[:, None, :]).reshape(len(centres), -1)  # (S, R * R)
     # Only what is near enough to be touched goes through the rest.
-    sample, row, column = np.nonzero(squared < np.square(radius + 0.5)[:, None, None])
-    distance = np.sqrt(squared[sample, row, column])
-    cover = np.minimum(radius[sample] + 0.5 - distance, 1) * opacity[sample]
-    return rows[sample, row] * size[1] + columns[sample, column], cover, sample
+    touched = np.flatnonzero(squared < np.square(radius + 0.5)[:, None])
+    sample = touched // squared.shape[1]
+    cell = touched - sample * squared.shape[1]
+    cover = np.minimum(radius[sample] + 0.5 - np.sqrt(squared.ravel()[touched]), 1) * opacity[sample]
+    pixel_of_cell = (steps[:, None] * size[1] + steps).ravel()  # (R * R,)
+    return (first[:, 1] * size[1] + first[:, 0])[sample] + pixel_of_cell[cell], cover, sample
 
 
 def _squared_offset(cells: NDArray[np.int64], centre: NDArray[np.float32], limit: int) -> NDArray[np.float32]:

@@ -152,8 +152,9 @@ class _Reader:
             time_s = clock(picture)
             damage.estimated_times = clock.estimated
             if place.first is not None and time_s < self._selection.start_s:
+                damage.passed(_stamp(picture))
                 continue  # between the key frame and the start: place.index has counted it
-            index = damage.decoded(time_s)
+            index = damage.decoded(time_s, _stamp(picture))
             yield Frame(index, time_s, *orient(picture))
         damage.cut = early_end(self.path, damage, promised_s)
 
@@ -179,32 +180,50 @@ def _count_frames(
     return selection.count(total, float(rate)) if total > 0 else None
 
 
+def _stamp(item: av.VideoFrame | Packet[VideoStream]) -> int | None:
+    """When a frame or packet is shown, in units of the stream's time base."""
+    return item.dts if item.pts is None else item.pts
+
+
 def _pictures(container: InputContainer, stream: VideoStream, damage: Damage) -> Iterator[av.VideoFrame]:
-    """Every picture that can be decoded, in order of presentation; what cannot goes to ``damage``."""
+    """Every good picture, in order of presentation; what is lost goes to ``damage``.
+
+    A picture of which a part is missing is lost: what FFmpeg paints there is invented, and differs between runs.
+    """
+    torn: set[int | None] = set()
     for packet in _packets(container, stream, damage):
-        if packet.is_corrupt:  # cut off by the end of the file, or bytes are missing inside
-            damage.failed("data is missing", lost_frame=True)
-        else:
-            yield from _decode_packet(stream, packet, damage)
-    yield from _decode_packet(stream, None, damage)
+        if packet is not None and packet.is_corrupt:
+            torn.add(_stamp(packet))
+        for picture in _decode_packet(stream, packet, damage):
+            stamp = _stamp(picture)
+            if picture.is_corrupt or stamp in torn:
+                torn = {later for later in torn if later is not None and stamp is not None and later > stamp}
+                damage.failed("data is missing or wrong", stamp, lost_frame=True)
+            else:
+                yield picture
 
 
-def _packets(container: InputContainer, stream: VideoStream, damage: Damage) -> Iterator[Packet[VideoStream]]:
-    """The video's packets, over damaged places, up to the end, a stalled stream, or too many errors in a row."""
+def _packets(container: InputContainer, stream: VideoStream, damage: Damage) -> Iterator[Packet[VideoStream] | None]:
+    """The video's packets, over damaged places, up to the end, a stalled stream, or too many errors in a row.
+
+    At the end comes None, which asks the decoder for the pictures that it still holds.
+    """
+    stamp: int | None = None
     while not damage.is_hopeless:
         try:
             for packet in container.demux(stream):
                 if packet.size:  # an empty one would end the decoding
+                    stamp = _stamp(packet)
                     yield packet
                 if damage.is_hopeless:
-                    return
+                    break
+            break
         except av.error.ExitError:
-            damage.failed("no data came in time", lost_frame=False)
-            return
+            damage.failed("no data came in time", stamp, lost_frame=False)
+            break
         except av.FFmpegError as exc:
-            damage.failed(explain(exc), lost_frame=False)
-        else:
-            return
+            damage.failed(explain(exc), stamp, lost_frame=False)
+    yield None
 
 
 def _decode_packet(stream: VideoStream, packet: Packet[VideoStream] | None, damage: Damage) -> list[av.VideoFrame]:
@@ -214,5 +233,5 @@ def _decode_packet(stream: VideoStream, packet: Packet[VideoStream] | None, dama
     except av.error.EOFError:
         return []
     except av.FFmpegError as exc:
-        damage.failed(explain(exc), lost_frame=packet is not None)
+        damage.failed(explain(exc), None if packet is None else _stamp(packet), lost_frame=packet is not None)
         return []

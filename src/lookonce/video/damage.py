@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import re
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from lookonce.video.truncation import declared_size
 __all__ = ["Damage", "early_end", "promised_length_s"]
 
 _MAX_CONSECUTIVE_ERRORS = 100
+_EARLIEST = -(1 << 63)  # before all stamps
 _SLACK_BYTES = 16  # writers that count a header or a padding byte wrongly
-_SLACK_S = 2.0
+_SLACK_S = 0.5
 _SLACK_GAPS = 10.0  # a header counts how long the last frame is shown; nobody knows whether it was meant to be so long
 _DURATION_TAG = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
@@ -23,7 +25,8 @@ _DURATION_TAG = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 class Damage:
     """Numbers the frames of one pass and keeps account of those that were lost.
 
-    A packet that cannot be decoded still takes a number, so that the frames after it keep theirs.
+    A lost frame still takes a number, so that the frames after it keep theirs. Decoders give frames late and in
+    another order than packets come; whether a loss lies before a frame is therefore told by their stamps.
 
     Attributes:
         last_s: time of the last good frame in seconds; None before the first.
@@ -42,26 +45,35 @@ class Damage:
         self.estimated_times = 0
         self._next_index = first_index
         self._last_index = first_index
-        self._last_before_error: str | None = None
+        self._first_damage: str | None = None  # the last good frame before the first error that was got over
         self._errors = self._consecutive = 0
+        self._pending: list[tuple[int, int]] = []  # heap of (stamp, frames lost): errors no frame came after yet
 
-    def decoded(self, time_s: float) -> int:
-        """The number of the good frame that is shown at ``time_s``."""
+    def decoded(self, time_s: float, stamp: int | None) -> int:
+        """The number of the good frame that is shown at ``time_s`` and has this stamp."""
+        self._next_index += self.passed(stamp)
         if self.last_s is not None:
             self.longest_gap_s = max(self.longest_gap_s, time_s - self.last_s)
         self.last_s = time_s
         self._last_index = self._next_index
         self._next_index += 1
-        self._consecutive = 0
         return self._last_index
 
-    def failed(self, reason: str, *, lost_frame: bool) -> None:
-        """Counts an error; ``lost_frame`` if a frame went with it."""
-        if self.reason is None:
-            self.reason, self._last_before_error = reason, self._last_good()
-        self._errors += 1
+    def passed(self, stamp: int | None) -> int:
+        """Notes that decoding got as far as a good frame; returns how many frames were lost since the one before."""
+        self._consecutive = lost = 0
+        while self._pending and (stamp is None or self._pending[0][0] <= stamp):
+            if not self._errors:
+                self._first_damage = self._last_good()
+            self._errors += 1
+            lost += heapq.heappop(self._pending)[1]
+        return lost
+
+    def failed(self, reason: str, stamp: int | None, *, lost_frame: bool) -> None:
+        """Counts an error near ``stamp``; ``lost_frame`` if a frame went with it."""
+        self.reason = self.reason or reason
         self._consecutive += 1
-        self._next_index += lost_frame
+        heapq.heappush(self._pending, (_EARLIEST if stamp is None else stamp, int(lost_frame)))
 
     @property
     def is_hopeless(self) -> bool:
@@ -73,14 +85,13 @@ class Damage:
         if self.last_s is None:
             return []
         lines = []
-        if self.cut is not None or self._consecutive:
+        if self.cut is not None or self._pending:
             reason = self.cut or self.reason
             lines.append(f"{self.shown}: broken after {self._last_good()}: {reason}; the frames before it were used")
-        recovered = self._errors - self._consecutive
-        if recovered:
-            where = f"after {self._last_before_error}" if self._last_before_error else "at its start"
+        if self._errors:
+            where = f"after {self._first_damage}" if self._first_damage else "at its start"
             lines.append(
-                f"{self.shown}: damaged {where}: {recovered} piece{'s' * (recovered > 1)} could not be decoded "
+                f"{self.shown}: damaged {where}: {self._errors} piece{'s' * (self._errors > 1)} could not be decoded "
                 f"({self.reason}); the other frames were used"
             )
         if self.estimated_times:

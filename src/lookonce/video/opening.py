@@ -160,6 +160,8 @@ def explain(exc: Exception) -> str:
     """An error of FFmpeg in a few words without names of files."""
     if isinstance(exc, av.error.ExitError):
         return "no answer in time"
+    if isinstance(exc, av.error.BlockingIOError | av.error.InvalidDataError):  # FFmpeg finds no place to go on
+        return "the data makes no sense"
     if isinstance(exc, av.error.ProtocolNotFoundError):
         return "this build of FFmpeg has no support for it"
     text = exc.strerror if isinstance(exc, av.FFmpegError | OSError) else str(exc)
