@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.letterbox import Fit, Letterboxer
-from lookonce.model import Model
+from lookonce.model import Model, available_cpus
 from lookonce.output import Sink
-from lookonce.structures import Tracks
+from lookonce.structures import Detections, Tracks
 from lookonce.tracking import PRESETS, Tracker
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 
-__all__ = ["StageTimes", "TrackedFrame", "track", "track_video", "tracker_for"]
+__all__ = ["StageTimes", "TrackedFrame", "share_processors", "track", "track_video", "tracker_for"]
 
 _FRAMES_AHEAD = 4
+_MOST_WORKERS = 4  # each inference in flight holds its own activations in memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +55,12 @@ class StageTimes:
 
     Attributes:
         frames: how many frames went through.
+        workers: how many frames are inferred at once.
         seconds: by stage: decode, letterbox, detect, associate, write.
     """
 
     frames: int = 0
+    workers: int = 1
     seconds: dict[str, float] = field(
         default_factory=lambda: dict.fromkeys(("decode", "letterbox", "detect", "associate", "write"), 0.0)
     )
@@ -101,13 +106,32 @@ def track(
     Raises:
         LookonceError: an input is wrong; the message is one line with the remedy.
     """
-    if not isinstance(model, Model):
-        model = Model(model)
-    if not isinstance(tracker, Tracker):
-        tracker = tracker_for(model, tracker)
-    labels = model.labels_of(classes)
     with open_video(source, start_s=start_s, end_s=end_s, every=every, fps=fps, max_frames=max_frames) as video:
-        yield from track_video(video, model, tracker, labels=labels)
+        workers = 1
+        if not isinstance(model, Model):
+            threads, workers = share_processors(video.is_live)
+            model = Model(model, threads=threads)
+        if not isinstance(tracker, Tracker):
+            tracker = tracker_for(model, tracker)
+        yield from track_video(video, model, tracker, labels=model.labels_of(classes), workers=workers)
+
+
+def share_processors(is_live: bool, threads: int | None = None, provider: str = "cpu") -> tuple[int, int]:
+    """How many threads one inference gets, and how many frames are inferred at once.
+
+    Two frames side by side use two processors better than two threads on one frame do (`docs/log.md`). A live source
+    gets all processors for one frame, because there the delay counts; so does any other provider than the CPU.
+
+    Args:
+        is_live: whether the source is.
+        threads: for one inference, where the user has chosen.
+        provider: where the model runs.
+    """
+    processors = available_cpus()
+    if is_live or provider != "cpu":
+        return threads or processors, 1
+    workers = min(_MOST_WORKERS, max(1, processors // (threads or 1)))
+    return threads or max(1, processors // workers), workers
 
 
 def tracker_for(model: Model, preset: str = "paper", match_threshold: float | None = None) -> Tracker:
@@ -128,6 +152,7 @@ def track_video(
     tracker: Tracker,
     *,
     labels: NDArray[np.int64] | None = None,
+    workers: int = 1,
     sinks: Sequence[Sink] = (),
     times: StageTimes | None = None,
 ) -> Iterator[TrackedFrame]:
@@ -138,6 +163,7 @@ def track_video(
         model: finds and describes the objects.
         tracker: gives them identities.
         labels: (C,) the classes to keep; none or empty: all.
+        workers: how many frames are inferred at once; the results do not depend on it.
         sinks: where results go; the caller closes them.
         times: takes the seconds of each stage.
 
@@ -145,24 +171,56 @@ def track_video(
         A :class:`TrackedFrame` for each frame.
     """
     times = times or StageTimes()
+    times.workers = workers
     with prefetch(_letterboxed(video, model.size, times), depth=_FRAMES_AHEAD) as prepared:
+        with closing(_detect(prepared, model, workers, times)) as detected:
+            for frame, detections in detected:
+                with times.stage("associate"):
+                    if labels is not None and len(labels):
+                        detections = detections[np.isin(detections.labels, labels)]
+                    tracks = replace(tracker.update(detections, frame.time_s), names=model.names)
+                with times.stage("write"):
+                    for sink in sinks:
+                        sink.write(frame, tracks)
+                times.frames += 1
+                yield TrackedFrame(frame, tracks)
+
+
+_Prepared = tuple[Frame, NDArray[np.uint8], Fit]
+
+
+def _detect(
+    prepared: Iterable[_Prepared], model: Model, workers: int, times: StageTimes
+) -> Generator[tuple[Frame, Detections]]:
+    """Frames with their detections, in order; with several workers that many frames are inferred at once."""
+
+    def infer(canvas: NDArray[np.uint8], placed: Fit) -> tuple[Detections, float]:
+        start = time.perf_counter()
+        return model.run(canvas[np.newaxis], [placed])[0], time.perf_counter() - start
+
+    def finish(frame: Frame, result: tuple[Detections, float]) -> tuple[Frame, Detections]:
+        times.seconds["detect"] += result[1]
+        return frame, result[0]
+
+    if workers == 1:
         for frame, canvas, placed in prepared:
-            with times.stage("detect"):
-                detections = model.run(canvas[np.newaxis], [placed])[0]
-            with times.stage("associate"):
-                if labels is not None and len(labels):
-                    detections = detections[np.isin(detections.labels, labels)]
-                tracks = replace(tracker.update(detections, frame.time_s), names=model.names)
-            with times.stage("write"):
-                for sink in sinks:
-                    sink.write(frame, tracks)
-            times.frames += 1
-            yield TrackedFrame(frame, tracks)
+            yield finish(frame, infer(canvas, placed))
+        return
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="lookonce-infer")
+    try:
+        pending: deque[tuple[Frame, Future[tuple[Detections, float]]]] = deque()
+        for frame, canvas, placed in prepared:
+            pending.append((frame, pool.submit(infer, canvas, placed)))
+            if len(pending) > workers:  # one more waits, so that no worker does
+                first, result = pending.popleft()
+                yield finish(first, result.result())
+        for last, result in pending:
+            yield finish(last, result.result())
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _letterboxed(
-    video: VideoSource, size: tuple[int, int], times: StageTimes
-) -> Iterator[tuple[Frame, NDArray[np.uint8], Fit]]:
+def _letterboxed(video: VideoSource, size: tuple[int, int], times: StageTimes) -> Iterator[_Prepared]:
     """Frames with their pictures as the network wants them; runs in the reading thread."""
     letterbox = Letterboxer(size)
     frames = iter(video)

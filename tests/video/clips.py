@@ -47,6 +47,7 @@ def write_clip(
         stream = container.add_stream(codec, rate=10)
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.codec_context.bit_rate = 4_000_000  # for the codecs that need to be told to be exact
         stream.codec_context.gop_size = key_every
         stream.codec_context.max_b_frames = b_frames
         stream.codec_context.time_base = Fraction(1, 10 if path.suffix == ".avi" else 1000)

@@ -6,6 +6,7 @@ import hashlib
 import logging
 import os
 
+import av
 import numpy as np
 import pytest
 
@@ -43,7 +44,7 @@ def test_cut_file_gives_its_good_frames_and_one_warning(tmp_path, caplog, suffix
     source = open_video(cut(whole, tmp_path / f"clip.{suffix}", share))
     with caplog.at_level(logging.WARNING):
         got = contents(source)
-    assert 0.3 * share * 20 < len(got) < 20
+    assert 1 < len(got) < 20
     assert got == good[: len(got)]
     [warning] = source.warnings
     assert f"broken after frame {got[-1][0]} ({got[-1][1]:.2f} s)" in warning
@@ -80,13 +81,15 @@ def test_frames_after_a_damaged_one_keep_their_numbers(tmp_path, codec):
     """A lost frame takes its number with it: results would otherwise shift against the truth."""
     whole = noise_clip(tmp_path / "clip.mkv", codec=codec, key_every=1)
     good = contents(open_video(whole))
+    with av.open(str(whole)) as container:
+        packet = list(container.demux(video=0))[8]
+        position, size = packet.pos, packet.size
     data = bytearray(whole.read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + 700] = bytes(700)
+    data[position + 40 : position + size - 40] = bytes(size - 80)
     whole.write_bytes(data)
     source = open_video(whole)
     got = contents(source)
-    assert 15 <= len(got) < 20
+    assert [row[0] for row in got] == [i for i in range(20) if i != 8]
     assert set(got) <= set(good)
     assert got[-1] == good[-1]
     [warning] = source.warnings

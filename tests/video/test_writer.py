@@ -31,7 +31,7 @@ def test_frames_and_true_times_come_back(tmp_path, suffix):
     assert source.warnings == []
     with av.open(str(source_path := tmp_path / f"out.{suffix}")) as container:
         assert container.streams.video[0].codec_context.name in ("h264", "mpeg4"), source_path
-        assert container.start_time == 0
+        assert container.start_time in (0, None)
 
 
 def test_times_that_do_not_go_forward_are_moved_on(tmp_path):
@@ -95,7 +95,7 @@ def test_next_encoder_is_used_where_one_is_missing(tmp_path, caplog):
 
 
 def test_file_that_cannot_be_created_is_named(tmp_path):
-    with pytest.raises(OutputError, match="out.mp4: cannot be written"):
+    with pytest.raises(OutputError, match=r"out\.mp4: cannot be written"):
         VideoWriter(tmp_path / "missing" / "out.mp4", 25)
     with pytest.raises(OutputError, match=r"\.mp4 or \.mkv"):
         VideoWriter(tmp_path / "out.gif", 25)

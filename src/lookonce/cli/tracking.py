@@ -19,7 +19,7 @@ from rich.table import Table
 from lookonce import __version__
 from lookonce.model import Model
 from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, Sink, prepare_output_folder
-from lookonce.pipeline import StageTimes, TrackedFrame, track_video, tracker_for
+from lookonce.pipeline import StageTimes, TrackedFrame, share_processors, track_video, tracker_for
 from lookonce.structures import NO_ID
 from lookonce.tracking import Tracker
 from lookonce.video import VideoSource, open_video
@@ -76,17 +76,18 @@ def track_command(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier results in the folder.")] = False,
     provider: Annotated[str, typer.Option(help="Where the model runs: cpu, cuda or openvino.")] = "cpu",
     threads: Annotated[
-        int | None, typer.Option(help="Threads for one inference.", show_default="all processors", min=1)
+        int | None, typer.Option(help="Threads for one inference.", show_default="shared out", min=1)
     ] = None,
 ) -> None:
     """Track the objects of a video: writes tracks.txt (MOT), tracks.jsonl and annotated.mp4."""
-    opened = Model(model, provider=provider, threads=threads, score_threshold=score, iou_threshold=overlap)
-    labels = opened.labels_of([name for name in classes.split(",") if name.strip()])
-    chosen = tracker_for(opened, tracker, match_threshold)
     with ExitStack() as stack:
         frames = stack.enter_context(
             open_video(source, start_s=start, end_s=end, every=every, fps=fps, max_frames=max_frames)
         )
+        per_inference, workers = share_processors(frames.is_live, threads, provider)
+        opened = Model(model, provider=provider, threads=per_inference, score_threshold=score, iou_threshold=overlap)
+        labels = opened.labels_of([name for name in classes.split(",") if name.strip()])
+        chosen = tracker_for(opened, tracker, match_threshold)
         folder = output or Path("runs") / frames.name
         names = [_MOT_FILE, _JSON_FILE] + ([_VIDEO_FILE] if video else [])
         prepare_output_folder(folder, [_MOT_FILE, _JSON_FILE, _VIDEO_FILE], overwrite)
@@ -99,7 +100,9 @@ def track_command(
             stack.enter_context(sink)
         run = _Run(frames, StageTimes())
         try:
-            run.follow(track_video(frames, opened, chosen, labels=labels, sinks=sinks, times=run.times))
+            run.follow(
+                track_video(frames, opened, chosen, labels=labels, workers=workers, sinks=sinks, times=run.times)
+            )
         finally:
             stack.close()  # results first, then the table
             run.print_summary([folder / name for name in names])
@@ -150,7 +153,9 @@ class _Run:
         for stage, seconds in self.times.seconds.items():
             if seconds > 0:
                 each = seconds / max(1, self.times.frames)
-                table.add_row(stage, f"{1 / each:.1f} fps ({each * 1000:.2f} ms a frame)")
+                side_by_side = self.times.workers if stage == "detect" else 1
+                note = f", {side_by_side} at once" if side_by_side > 1 else ""
+                table.add_row(stage, f"{side_by_side / each:.1f} fps ({each * 1000:.2f} ms a frame{note})")
         table.add_row("identities", str(self.identities))
         for path in files:
             table.add_row("written", str(path))

@@ -2,5 +2,6 @@
 
 from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata
 from lookonce.model.model import Model, describe_model
+from lookonce.model.session import available_cpus
 
-__all__ = ["DescriptorInfo", "Feature", "Model", "ModelMetadata", "describe_model"]
+__all__ = ["DescriptorInfo", "Feature", "Model", "ModelMetadata", "available_cpus", "describe_model"]

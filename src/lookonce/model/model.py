@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import threading
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -84,6 +85,7 @@ class Model:
         self.iou_threshold = iou_threshold
         self.max_detections = max_detections
         self.dropped_rows = 0
+        self._counting = threading.Lock()  # several threads may run one model
         self._session = open_session(self.path, provider, self.threads)
         self._outputs = ["image_index", "boxes", "scores", "labels"]
         if self.metadata.descriptor is not None:
@@ -190,7 +192,9 @@ class Model:
         is_finite = np.isfinite(boxes).all(axis=1) & np.isfinite(scores)
         xyxy = clip(placed.to_source(boxes), placed.source)
         is_inside = (xyxy[:, 2:] > xyxy[:, :2]).all(axis=1)
-        self.dropped_rows += int(np.count_nonzero(~is_finite))
+        if not is_finite.all():
+            with self._counting:
+                self.dropped_rows += int(np.count_nonzero(~is_finite))
         rows = is_finite & is_inside
         if descriptors is not None:
             descriptors = descriptors[rows]

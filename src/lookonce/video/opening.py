@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
+import time
 from pathlib import Path
 from typing import Final
 
@@ -96,11 +97,14 @@ def open_url(url: str) -> InputContainer:
     options = {"protocol_whitelist": URL_PROTOCOLS[scheme], "format_whitelist": _URL_FORMATS}
     if scheme.startswith("rtsp"):
         options["rtsp_transport"] = "tcp"  # over UDP, lost packets tear pictures
+    begun_s = time.monotonic()
     try:
         return av.open(url, "r", options=options, metadata_errors="replace", timeout=(_OPEN_TIMEOUT_S, _READ_TIMEOUT_S))
     except (av.FFmpegError, OSError) as exc:
         shown = without_password(url)
-        raise VideoError(f"{shown}: cannot be opened: {explain(exc)}; check the address, and that it plays") from exc
+        is_late = time.monotonic() - begun_s >= _OPEN_TIMEOUT_S  # some protocols call an interruption bad data
+        why = "no answer in time" if is_late else explain(exc)
+        raise VideoError(f"{shown}: cannot be opened: {why}; check the address, and that it plays") from exc
 
 
 def open_camera(number: int) -> InputContainer:

@@ -22,12 +22,16 @@ def orient(picture: av.VideoFrame) -> tuple[av.VideoFrame | NDArray[np.uint8], i
     """The picture, and the quarter turns counter-clockwise that bring it upright.
 
     The turn comes from the container (phones) or from EXIF (cameras): FFmpeg reports both as a display matrix. Angles
-    between quarter turns go to the nearest. A mirrored picture, which turns alone cannot mend, comes back as
-    ``(H, W, 3) uint8`` RGB with the mirroring undone.
+    between quarter turns go to the nearest. A mirrored video, which turns alone cannot mend, comes back as
+    ``(H, W, 3) uint8`` RGB with the mirroring undone; mirrored EXIF orientations (2, 4, 5, 7) stay mirrored, because
+    PyAV does not show the matrix of a picture that has EXIF.
     """
+    degrees = picture.rotation
+    if not degrees:
+        return picture, 0
     matrix = _display_matrix(picture)
     if matrix is None:
-        return picture, 0
+        return picture, round(degrees / 90) % 4
     a, b, c, d = matrix
     if a * d - b * c >= 0:
         return picture, _quarter_turns(a, b)
@@ -35,8 +39,12 @@ def orient(picture: av.VideoFrame) -> tuple[av.VideoFrame | NDArray[np.uint8], i
 
 
 def _display_matrix(picture: av.VideoFrame) -> tuple[int, int, int, int] | None:
-    """(a, b, c, d) of x' = a x + c y, y' = b x + d y with y downwards, or None where the decoder reports nothing."""
-    for data in cast(SideDataContainer, picture.side_data):  # PyAV's stub names another type
+    """(a, b, c, d) of x' = a x + c y, y' = b x + d y with y downwards, or None where PyAV cannot show it."""
+    try:
+        everything = cast(SideDataContainer, picture.side_data)  # PyAV's stub names another type
+    except ValueError:  # PyAV lists all or nothing, and does not know every kind, EXIF among them
+        return None
+    for data in everything:
         if data.type is Type.DISPLAYMATRIX:
             a, b, _, c, d, *_ = _MATRIX.unpack(bytes(data))
             return a, b, c, d

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
 from collections.abc import Sequence
@@ -33,6 +34,7 @@ _CONTAINER_OPTIONS: Final = {
     ".mkv": {"flush_packets": "1", "cluster_time_limit": "1000"},
 }
 _TIME_BASE: Final = Fraction(1, 90_000)
+_MPEG4_TIME_BASE: Final = Fraction(1, 60_000)  # its clock has 16 bits
 _BT601: Final = 6  # H.273's number for the matrix that swscale uses by default; players would guess BT.709 for HD
 _LIMITED_RANGE: Final = 1
 
@@ -75,7 +77,7 @@ class VideoWriter:
         self._stream: VideoStream | None = None
         self._first_s = 0.0
         self._last_stamp = -1
-        self._closed = False
+        self._closed = self._is_broken = False
         try:
             self.path.open("wb").close()  # so that a bad folder shows now, not after the first frame
         except OSError as exc:
@@ -86,7 +88,7 @@ class VideoWriter:
 
         Args:
             rgb: (H, W, 3) uint8; scaled if its size is not the video's.
-            time_s: when it is shown, in seconds on any clock; one that does not go forward is moved 1/90000 s on.
+            time_s: when it is shown, in seconds on any clock; one that does not go forward is moved on by a tick.
 
         Raises:
             OutputError: it cannot be encoded or written, for instance because the disk is full.
@@ -100,6 +102,7 @@ class VideoWriter:
         try:
             self._append(rgb, time_s)
         except (av.FFmpegError, OSError) as exc:
+            self._is_broken = True
             raise self._error(exc) from exc
 
     def _append(self, rgb: NDArray[np.uint8], time_s: float) -> None:
@@ -111,8 +114,9 @@ class VideoWriter:
             rgb = np.pad(rgb, ((0, height - rgb.shape[0]), (0, width - rgb.shape[1]), (0, 0)), mode="edge")
         picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24")
         picture = picture.reformat(width=self._stream.width, height=self._stream.height, format="yuv420p")
-        self._last_stamp = max(round((time_s - self._first_s) / _TIME_BASE), self._last_stamp + 1)
-        picture.pts, picture.time_base = self._last_stamp, _TIME_BASE
+        time_base = self._stream.codec_context.time_base
+        self._last_stamp = max(round((time_s - self._first_s) / time_base), self._last_stamp + 1)
+        picture.pts, picture.time_base = self._last_stamp, time_base
         self._container.mux(self._stream.encode(picture))
 
     def _start(self, size: tuple[int, int]) -> tuple[OutputContainer, VideoStream]:
@@ -143,7 +147,7 @@ class VideoWriter:
         stream.height, stream.width = size
         stream.pix_fmt = "yuv420p"
         context = stream.codec_context
-        context.time_base = _TIME_BASE
+        context.time_base = _MPEG4_TIME_BASE if encoder == "mpeg4" else _TIME_BASE
         context.gop_size = max(1, round(self._rate))  # a key frame, and so a fragment, about every second
         context.max_b_frames = 0  # pictures shown out of order would shift a fragmented file's first time
         context.colorspace, context.color_range = _BT601, _LIMITED_RANGE
@@ -163,13 +167,24 @@ class VideoWriter:
         try:
             if self._container is None or self._stream is None:
                 self.path.unlink(missing_ok=True)
-                return
-            try:
-                self._container.mux(self._stream.encode(None))
-            finally:
-                self._container.close()
+            elif self._is_broken:  # reported already; writing on after a failed header crashes FFmpeg
+                with contextlib.suppress(av.FFmpegError, OSError):
+                    self._container.close()
+            else:
+                self._finish(self._container, self._stream)
         except (av.FFmpegError, OSError) as exc:
             raise self._error(exc) from exc
+
+    @staticmethod
+    def _finish(container: OutputContainer, stream: VideoStream) -> None:
+        packets = stream.encode(None)
+        try:
+            container.mux(packets)
+        except (av.FFmpegError, OSError):
+            with contextlib.suppress(av.FFmpegError, OSError):  # the first error says it
+                container.close()
+            raise
+        container.close()
 
     def _error(self, exc: Exception) -> OutputError:
         return OutputError(f"{one_line(self.path)}: cannot be written: {explain(exc)}; check the folder and its space")
