@@ -29,7 +29,7 @@ class PaperConfig:
             (`docs/log.md`). A model file that carries a calibrated value overrides it.
     """
 
-    match_threshold: float = 1.0
+    match_threshold: float = 0.7
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.match_threshold) and 0 < self.match_threshold <= 2):

@@ -13,7 +13,7 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from lookonce.errors import ConfigError, VideoError
-from lookonce.video.clock import Clock, frame_time_s
+from lookonce.video.clock import Clock, frame_time_s, has_presentation_stamps
 from lookonce.video.damage import Damage, early_end, promised_length_s
 from lookonce.video.frame import Frame
 from lookonce.video.opening import (
@@ -146,7 +146,8 @@ class _Reader:
         if self.live:
             stream.thread_type = "SLICE"  # decoding frames side by side would delay each by one
         assert stream.time_base is not None  # FFmpeg gives one to every stream
-        clock = Clock(stream.time_base, stream.average_rate, place.first)
+        has_pts = has_presentation_stamps(container, stream)
+        clock = Clock(stream.time_base, stream.average_rate, place.first, trust_pts=has_pts)
         promised_s = promised_length_s(container, stream)
         for picture in _pictures(container, stream, damage):
             time_s = clock(picture)

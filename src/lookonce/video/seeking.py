@@ -8,6 +8,8 @@ import av
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
+from lookonce.video.clock import has_presentation_stamps
+
 __all__ = ["Place", "seek_to_start"]
 
 # Containers whose index finds the key frame before a time exactly, and codecs in which a packet is a frame. Elsewhere
@@ -37,7 +39,7 @@ def seek_to_start(container: InputContainer, stream: VideoStream, start_s: float
     """
     if not _INDEXED_FORMATS & set(container.format.name.split(",")):
         return None
-    if stream.codec_context.name not in _ONE_FRAME_CODECS:
+    if stream.codec_context.name not in _ONE_FRAME_CODECS or not has_presentation_stamps(container, stream):
         return None
     try:
         stamps = _stamps_until(container, stream, start_s)
