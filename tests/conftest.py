@@ -15,3 +15,19 @@ def data_folder() -> Path:
     if not _DATA.is_dir():
         pytest.skip(f"the development data folder {_DATA} is absent")
     return _DATA
+
+
+@pytest.fixture(scope="session")
+def square_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model file that finds coloured squares (see squares.py)."""
+    from squares import write_detector
+
+    return write_detector(tmp_path_factory.mktemp("squares"))
+
+
+@pytest.fixture(scope="session")
+def square_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip of three moving squares, 12 frames at 10 fps."""
+    from squares import write_clip
+
+    return write_clip(tmp_path_factory.mktemp("clips") / "squares.mp4")

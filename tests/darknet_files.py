@@ -142,7 +142,7 @@ def write_network(folder: Path, body: str, seed: int = 0, **scaling: float) -> t
 
 
 def write_random_weights(
-    path: Path, config: DarknetConfig, seed: int = 0, *, head_gain: float = 1.0, residual_gain: float = 0.3
+    path: Path, config: DarknetConfig, seed: int = 0, *, head_gain: float = 2.0, residual_gain: float = 0.3
 ) -> None:
     """Random weights whose activations keep about the same spread from layer to layer.
 

@@ -21,7 +21,7 @@ def opencv_raw_maps(cfg: Path, weights: Path, config: DarknetConfig, images: np.
     names = []
     for output in config.outputs:
         before = output.index - 1
-        activated = f"logistic_{before}"  # OpenCV makes an activation a layer of its own
+        activated = f"logistic_{output.index}"  # an activation is a layer of its own, numbered one higher
         names.append(activated if activated in known else f"conv_{before}")
     network.setInput(images)
     return list(network.forward(names))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.errors import ConfigError
 from lookonce.letterbox import Fit, Letterboxer
 from lookonce.model import Model, available_cpus
 from lookonce.output import Sink
@@ -138,10 +139,12 @@ def tracker_for(model: Model, preset: str = "paper", match_threshold: float | No
     """A tracker with a preset's settings; the threshold as given, else as calibrated for the model, else the preset's.
 
     Raises:
-        ConfigError: there is no such preset, or the threshold is out of range.
+        ConfigError: there is no such preset, the threshold is out of range, or the model has no descriptors.
     """
     tracker = Tracker(preset)
-    calibrated = model.metadata.descriptor.match_threshold if model.metadata.descriptor else None
+    if model.metadata.descriptor is None:
+        raise ConfigError(f"{model.path}: has no descriptors, which tracker '{preset}' needs; import it with them")
+    calibrated = model.metadata.descriptor.match_threshold
     threshold = match_threshold if match_threshold is not None else calibrated
     return tracker if threshold is None else Tracker(replace(PRESETS[preset](), match_threshold=threshold))
 

@@ -16,6 +16,14 @@ from lookonce.models import find_model, shipped_models
 
 __all__ = ["models_command"]
 
+_EXAMPLES = """
+[bold]Examples[/bold]
+
+  lookonce models
+
+  lookonce models model.onnx detectors/
+"""
+
 
 def models_command(
     paths: Annotated[
@@ -37,6 +45,9 @@ def models_command(
         print(f"skipped {text}")
     if not files:
         print("no model files here; make one with 'lookonce import'")
+
+
+models_command.__doc__ = f"{models_command.__doc__}\n{_EXAMPLES}"
 
 
 def _files(paths: list[Path] | None) -> list[Path]:
