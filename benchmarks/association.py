@@ -13,11 +13,11 @@ import argparse
 import time
 
 import numpy as np
-from machine import describe_machine
 from numpy.typing import NDArray
 
 from lookonce import Detections, Tracker
 from lookonce.tracking import PaperConfig
+from machine import describe_machine
 
 THRESHOLD = 0.7
 SIZE = 128

@@ -8,7 +8,7 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = ("lookonce", "numpy", "scipy", "onnxruntime", "av", "pillow", "opencv-python-headless", "torch")
+PACKAGES = ("lookonce", "numpy", "onnxruntime", "av", "pillow", "opencv-python-headless", "torch")
 
 
 def describe_machine() -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lookonce.make.darknet.cfg import read_cfg
-from lookonce.make.darknet.layers import Convolutional, DarknetConfig, Shortcut
+from lookonce.make.darknet.layers import Convolutional, DarknetConfig, Region, Shortcut, Yolo
 
 CLASSES = 3
 ANCHORS = "8,10, 14,20, 30,24"
@@ -162,7 +162,7 @@ def write_random_weights(
             fan_in = config.input_channels(layer) // spec.groups * spec.size**2
             follower = config.layers[layer.index + 1].spec if layer.index + 1 < len(config.layers) else None
             gain = residual_gain if isinstance(follower, Shortcut) else 1.2 if spec.activation != "linear" else 1.0
-            gain *= head_gain if not spec.batch_normalize else 1.0
+            gain *= head_gain if isinstance(follower, Yolo | Region) else 1.0
             parts = [rng.normal(0, 0.2, spec.filters)]
             if spec.batch_normalize:
                 parts += [rng.uniform(0.7, 1.3, spec.filters), rng.normal(0, 0.2, spec.filters)]

@@ -55,10 +55,11 @@ def read_cfg(path: Path, size: tuple[int, int] | None = None) -> DarknetConfig:
     if size is None or size == own_size:
         return config
     stride = config.largest_stride
-    if not all(32 <= n <= _MAX_SIZE_PX and n % stride == 0 for n in size):
+    smallest = max(32, 2 * stride)
+    if not all(smallest <= n <= _MAX_SIZE_PX and n % stride == 0 for n in size):
         raise ConfigError(
             f"size {size[0]}x{size[1]}: each side must be a multiple of {stride} px, the network's largest stride, "
-            f"from 32 to {_MAX_SIZE_PX}"
+            f"from {smallest} to {_MAX_SIZE_PX}"
         )
     return _build(path, sections[1:], size)
 
@@ -251,7 +252,7 @@ class _Reader:
     def _anchors(self, count: int) -> tuple[tuple[float, float], ...]:
         values = self.section.numbers("anchors", 1e-3, _MAX_SIZE_PX)
         if len(values) != 2 * count:
-            raise self.section.fail(f"anchors: expected {2 * count} numbers for num={count}, got {len(values)}")
+            raise self.section.fail(f"anchors: expected {2 * count} numbers for num={count}, got {len(values)}", "anchors")
         return tuple(zip(values[::2], values[1::2], strict=True))
 
     def _check_output(self, anchors: int, classes: int) -> None:
@@ -281,6 +282,8 @@ def _check_network(config: DarknetConfig) -> None:
         before = config.layers[layer.index - 1].spec
         if not isinstance(before, Convolutional):
             raise FormatError(config.path, layer.line, "expected a [convolutional] before an output layer")
+        if layer.index < 2 or not _same_grid(layer, config.layers[layer.index - 2]):
+            raise FormatError(config.path, layer.line, "expected two layers of the same grid before an output layer")
         if isinstance(layer.spec, Yolo) and layer.spec.new_coords != (before.activation == "logistic"):
             raise FormatError(
                 config.path, layer.line, "new_coords=1 and activation=logistic in the layer before go together"
@@ -290,3 +293,25 @@ def _check_network(config: DarknetConfig) -> None:
     height, width = config.size
     if any(height % o.height or width % o.width or height * o.width != width * o.height for o in outputs):
         raise FormatError(config.path, 0, f"size {height}x{width} is not a multiple of the largest stride")
+    if any(o.height < 2 or o.width < 2 for o in outputs):
+        raise FormatError(config.path, 0, f"size {height}x{width} leaves an output of one cell; choose a larger size")
+    _check_readers(config)
+
+
+def _check_readers(config: DarknetConfig) -> None:
+    """Raise where a layer reads an output layer: Darknet would hand on activated values, lookonce does not."""
+    outputs = {layer.index for layer in config.outputs}
+    for layer in config.layers:
+        match layer.spec:
+            case Route(layers=sources):
+                read = set(sources)
+            case Shortcut(source=source) | ScaleChannels(source=source):
+                read = {source, layer.index - 1}
+            case _:
+                read = {layer.index - 1}
+        if read & outputs:
+            raise FormatError(config.path, layer.line, "reads an output layer; a [route] to an earlier layer is missing")
+
+
+def _same_grid(a: Layer, b: Layer) -> bool:
+    return (a.height, a.width) == (b.height, b.width)

@@ -3,7 +3,8 @@
 The paper joins, for each output scale, two layers of the same grid: one near the output and one earlier that still
 holds visual features. `near` is the input of the last convolution before the output; `early` is the last backbone
 layer of that stride: the last one before the network goes on to a coarser grid, or, on the coarsest grid, the last
-residual sum (the widest layer, where there are none) before the head. Finer grids than the outputs' are offered too.
+residual sum (the widest layer, where there are none) before the head. A backbone without any layer of an output's grid
+leaves `near` alone. Finer grids than the outputs' are offered too.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ def scale_features(config: DarknetConfig) -> tuple[ScaleFeatures, ...]:
     result = []
     for output in config.outputs:
         near = _skip_dropout(config, config.layers[output.index - 2])
-        result.append(ScaleFeatures(output, near, backbone[config.stride(output)]))
+        early = backbone.get(config.stride(output), near)
+        if (early.height, early.width) != (output.height, output.width):
+            early = near
+        result.append(ScaleFeatures(output, near, early))
     return tuple(result)
 
 
@@ -65,6 +69,6 @@ def _trunk_end(config: DarknetConfig) -> int:
 
 
 def _skip_dropout(config: DarknetConfig, layer: Layer) -> Layer:
-    while isinstance(layer.spec, Dropout):
+    while isinstance(layer.spec, Dropout) and layer.index:
         layer = config.layers[layer.index - 1]
     return layer

@@ -215,14 +215,15 @@ def _column(g: GraphWriter, rows: ir.Value, column: int) -> ir.Value:
 def _order(g: GraphWriter, selected: ir.Value, scores: ir.Value, max_detections: ir.Value) -> tuple[ir.Value, ir.Value]:
     """The rows by image, then falling score (ties: lowest class), and of each image the first ``max_detections``."""
     count = g.size(selected, 0)
+    position = g("Range", g.constant(0), g("Squeeze", count), g.constant(1))
     _, by_score = g.many("TopK", 2, scores, count, axis=0)
     images = g("Gather", _column(g, selected, 0), by_score)
-    _, by_image = g.many("TopK", 2, images, count, axis=0, largest=0)  # ties keep their order: still by score
+    # Not every engine keeps equals in their order: sort by a number that is different for each row.
+    _, by_image = g.many("TopK", 2, g("Add", g("Mul", images, count), position), count, axis=0, largest=0)
     order = g("Gather", by_score, by_image)
     images = g("Gather", images, by_image)
     earlier = g("Less", g("Unsqueeze", images, g.constant([0])), g("Unsqueeze", images, g.constant([1])))
     first = g("ReduceSum", g.cast(earlier, ir.DataType.INT64), g.constant([1]), keepdims=0)
-    position = g("Range", g.constant(0), g("Squeeze", count), g.constant(1))
     is_kept = g("Less", g("Sub", position, first), max_detections)
     order = g("Compress", order, is_kept, axis=0)
     return g("Gather", selected, order), g("Gather", scores, order)
