@@ -33,10 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clips import parse_size, rescale
-from lookonce import Model, Tracker, open_video
+from lookonce import Model, open_video
 from lookonce.letterbox import Fit, Letterboxer
 from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, Sink
-from lookonce.pipeline import StageTimes, share_processors, track_video
+from lookonce.pipeline import StageTimes, share_processors, track_video, tracker_for
 from machine import describe_machine
 
 WARM_UP_FRAMES = 10
@@ -93,7 +93,9 @@ class Bench:
             sinks: list[Sink] = [MotSink(Path(folder) / "t.txt"), JsonLinesSink(Path(folder) / "t.jsonl", {}, names)]
             if annotate:
                 sinks.append(AnnotatedVideoSink(Path(folder) / "t.mp4", names, video.rate or 25.0))
-            for _ in track_video(video, self.shared, Tracker(), workers=self.workers, sinks=sinks, times=times):
+            for _ in track_video(
+                video, self.shared, tracker_for(self.shared), workers=self.workers, sinks=sinks, times=times
+            ):
                 pass
             for sink in sinks:
                 sink.close()

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 _DATA = Path(__file__).parents[2] / "shared" / "data"
+
+
+class TinyModel(NamedTuple):
+    """An exported network and what it was made of."""
+
+    cfg: Path
+    weights: Path
+    path: Path
+    size: tuple[int, int] | None
 
 
 @pytest.fixture(scope="session")
@@ -31,3 +43,19 @@ def square_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from squares import write_clip
 
     return write_clip(tmp_path_factory.mktemp("clips") / "squares.mp4")
+
+
+@pytest.fixture(scope="session")
+def tiny_model(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., TinyModel]:
+    """``tiny_model(name)`` exports one of the tiny networks with random weights; each is made once."""
+    from darknet_files import TINY, write_network
+    from lookonce.make.darknet.importer import import_darknet
+
+    @cache
+    def make(name: str, *, descriptors: bool = True, size: tuple[int, int] | None = None) -> TinyModel:
+        folder = tmp_path_factory.mktemp("tiny")
+        cfg, weights = write_network(folder, TINY[name])
+        import_darknet(cfg, weights, folder / "tiny.onnx", size=size, descriptors=descriptors)
+        return TinyModel(cfg, weights, folder / "tiny.onnx", size)
+
+    return make

@@ -50,7 +50,9 @@ def import_command(
     try:
         from lookonce.make.darknet.importer import import_darknet
     except ModuleNotFoundError as exc:
-        raise ConfigError(f"import needs {exc.name}; pip install 'lookonce[train]'") from exc
+        raise ConfigError(
+            f"import needs the extra 'train' ({exc.name} is missing); pip install 'lookonce[train]'"
+        ) from exc
     start = time.perf_counter()
     metadata = import_darknet(
         cfg, weights, target, names=names, size=_parse_size(size), descriptors=descriptors, license=license

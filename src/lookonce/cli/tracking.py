@@ -27,6 +27,7 @@ from lookonce.video import VideoSource, open_video
 __all__ = ["track_command"]
 
 _MOT_FILE, _JSON_FILE, _VIDEO_FILE = "tracks.txt", "tracks.jsonl", "annotated.mp4"
+_LINE_EVERY_S = 30.0
 _USUAL_RATE = 25.0  # frames per second, for sources that do not say theirs
 
 _EXAMPLES = """
@@ -121,7 +122,8 @@ class _Run:
         self.seconds = 0.0
 
     def follow(self, frames: Iterator[TrackedFrame]) -> None:
-        """Consume the frames, showing progress on stderr."""
+        """Consume the frames, showing progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+        console = Console(stderr=True)
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
@@ -131,23 +133,33 @@ class _Run:
             TextColumn("left"),
             TimeRemainingColumn(),
         )
-        start = time.perf_counter()
-        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        start, last_line_s = time.perf_counter(), 0.0
+        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
             task = progress.add_task(self.video.name, total=self.video.frame_count, rate=0.0)
             try:
                 for frame in frames:
                     self._count(frame)
                     self.seconds = time.perf_counter() - start
                     progress.update(task, advance=1, rate=self.times.frames / self.seconds)
+                    if not console.is_terminal and self.seconds - last_line_s >= _LINE_EVERY_S:
+                        last_line_s = self.seconds
+                        console.print(self._line(), soft_wrap=True)
             finally:
                 self.seconds = time.perf_counter() - start
+
+    def _line(self) -> str:
+        """Progress in one line, such as ``traffic: 1200 of 9000 frames, 58.1 fps, 134 s left``."""
+        done, total, rate = self.times.frames, self.video.frame_count, self.times.frames / self.seconds
+        if not total:
+            return f"{self.video.name}: {done} frames, {rate:.1f} fps"
+        return f"{self.video.name}: {done} of {total} frames, {rate:.1f} fps, {max(0, total - done) / rate:.0f} s left"
 
     def _count(self, frame: TrackedFrame) -> None:
         self.identities = max(self.identities, int(frame.tracks.ids.max(initial=NO_ID)))
 
     def print_summary(self, files: list[Path]) -> None:
         """One table: frames, frames a second of each stage, identities, files."""
-        table = Table(title=f"{self.video.name}: {self.times.frames} frames", show_header=False, title_justify="left")
+        table = Table(title=self.video.name, show_header=False, title_justify="left")
         rate = self.times.frames / self.seconds if self.seconds else 0.0
         table.add_row("frames", f"{self.times.frames} in {self.seconds:.1f} s, {rate:.1f} fps")
         for stage, seconds in self.times.seconds.items():

@@ -204,12 +204,20 @@ class Model:
 
     def _check_interface(self) -> None:
         height, width = self.metadata.size
-        inputs = {value.name: value for value in self._session.get_inputs()}
+        try:
+            inputs = {value.name: (value.type, list(value.shape)) for value in self._session.get_inputs()}
+            known = inputs.keys() | {value.name for value in self._session.get_overridable_initializers()}
+            outputs = {value.name: list(value.shape) for value in self._session.get_outputs()}
+        except UnicodeDecodeError as exc:
+            raise ModelError(f"{self.path}: its inputs or outputs have damaged names; make it again") from exc
         expected = {"images", "score_threshold", "iou_threshold", "max_detections"}
-        known = inputs.keys() | {value.name for value in self._session.get_overridable_initializers()}
-        outputs = {value.name for value in self._session.get_outputs()}
-        if not (expected <= known and set(self._outputs) <= outputs):
+        if not (expected <= known and set(self._outputs) <= outputs.keys()):
             raise ModelError(f"{self.path}: lacks inputs or outputs that its description promises; make it again")
-        images = inputs["images"]
-        if images.type != "tensor(uint8)" or list(images.shape[1:]) != [height, width, 3]:
-            raise ModelError(f"{self.path}: its input is {images.shape} {images.type}, not as described; make it again")
+        kind, shape = inputs.get("images", ("", []))
+        if kind != "tensor(uint8)" or shape[1:] != [height, width, 3]:
+            raise ModelError(f"{self.path}: its input is {shape} {kind}, not as described; make it again")
+        descriptor = self.metadata.descriptor
+        if descriptor is not None and outputs["descriptors"][1:] != [descriptor.size]:
+            raise ModelError(
+                f"{self.path}: its descriptors are {outputs['descriptors']}, not as described; make it again"
+            )

@@ -16,6 +16,7 @@ __all__ = ["read_metadata"]
 
 MAX_FILE_BYTES = 2 << 30  # protobuf's own limit
 _MAX_DEPTH = 40
+_MAX_FIELDS = 2_000_000  # the largest official network has some 20,000
 _MAX_METADATA_BYTES = 4 << 20
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 
@@ -73,6 +74,8 @@ def _read_model(path: Path, buffer: memoryview) -> dict[str, str]:
         paths = _TENSOR_PATHS[message]
         for number, value, first, last in _fields(buffer, start, end):
             fields += 1
+            if fields > _MAX_FIELDS:
+                raise _Damaged
             if message == "Tensor" and _is_external(number, value):
                 raise ModelError(f"{path}: keeps weights in other files, which lookonce refuses; save it as one file")
             if message == "Model" and number == _MODEL_METADATA and first is not None:

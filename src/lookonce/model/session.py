@@ -21,7 +21,14 @@ PROVIDERS = {
     "openvino": "OpenVINOExecutionProvider",
 }
 _INSTALL = {"cuda": "onnxruntime-gpu", "openvino": "onnxruntime-openvino"}
-_ERRORS = tuple(c for c in vars(native).values() if isinstance(c, type) and issubclass(c, Exception))
+_ERRORS: tuple[type[Exception], ...] = tuple(
+    c for c in vars(native).values() if isinstance(c, type) and issubclass(c, Exception)
+)
+_LOADING_ERRORS: tuple[type[Exception], ...] = (
+    *_ERRORS,
+    ValueError,
+    RuntimeError,
+)  # ValueError: its message on a damaged name is not UTF-8
 _LOG_ERRORS_ONLY = 3
 
 
@@ -53,8 +60,9 @@ def open_session(path: Path, provider: str, threads: int) -> Any:
     options.log_severity_level = _LOG_ERRORS_ONLY
     providers = [PROVIDERS[provider]] + ([PROVIDERS["cpu"]] if provider != "cpu" else [])
     try:
-        session = onnxruntime.InferenceSession(path, options, providers=providers)
-    except _ERRORS as exc:
+        # Its own fallback would print to stdout and go on with another provider.
+        session = onnxruntime.InferenceSession(path, options, providers=providers, enable_fallback=0)
+    except _LOADING_ERRORS as exc:
         raise ModelError(f"{path}: ONNX Runtime cannot load it ({_first_line(exc)})") from exc
     if session.get_providers()[0] != PROVIDERS[provider]:
         raise ConfigError(

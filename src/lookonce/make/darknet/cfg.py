@@ -252,7 +252,9 @@ class _Reader:
     def _anchors(self, count: int) -> tuple[tuple[float, float], ...]:
         values = self.section.numbers("anchors", 1e-3, _MAX_SIZE_PX)
         if len(values) != 2 * count:
-            raise self.section.fail(f"anchors: expected {2 * count} numbers for num={count}, got {len(values)}", "anchors")
+            raise self.section.fail(
+                f"anchors: expected {2 * count} numbers for num={count}, got {len(values)}", "anchors"
+            )
         return tuple(zip(values[::2], values[1::2], strict=True))
 
     def _check_output(self, anchors: int, classes: int) -> None:
@@ -310,7 +312,9 @@ def _check_readers(config: DarknetConfig) -> None:
             case _:
                 read = {layer.index - 1}
         if read & outputs:
-            raise FormatError(config.path, layer.line, "reads an output layer; a [route] to an earlier layer is missing")
+            raise FormatError(
+                config.path, layer.line, "reads an output layer; a [route] to an earlier layer is missing"
+            )
 
 
 def _same_grid(a: Layer, b: Layer) -> bool:

@@ -129,7 +129,8 @@ def write_detections(g: GraphWriter, scales: Sequence[OutputScale], classes: int
         g("Reshape", iou_threshold, g.constant([1])),
         g("Reshape", score_threshold, g.constant([1])),
     )
-    selected, kept_scores = _order(g, selected, g("GatherND", scores, selected), max_detections)
+    batch = g("Squeeze", g.size(scores, 0))
+    selected, kept_scores = _order(g, selected, g("GatherND", scores, selected), batch, max_detections)
     image_and_candidate = g("Gather", selected, g.constant([0, 2]), axis=1)
     anchor = g("GatherND", candidates, image_and_candidate)
     return SelectedDetections(
@@ -212,7 +213,9 @@ def _column(g: GraphWriter, rows: ir.Value, column: int) -> ir.Value:
     return g("Gather", rows, g.constant(column), axis=1)
 
 
-def _order(g: GraphWriter, selected: ir.Value, scores: ir.Value, max_detections: ir.Value) -> tuple[ir.Value, ir.Value]:
+def _order(
+    g: GraphWriter, selected: ir.Value, scores: ir.Value, batch: ir.Value, max_detections: ir.Value
+) -> tuple[ir.Value, ir.Value]:
     """The rows by image, then falling score (ties: lowest class), and of each image the first ``max_detections``."""
     count = g.size(selected, 0)
     position = g("Range", g.constant(0), g("Squeeze", count), g.constant(1))
@@ -222,8 +225,10 @@ def _order(g: GraphWriter, selected: ir.Value, scores: ir.Value, max_detections:
     _, by_image = g.many("TopK", 2, g("Add", g("Mul", images, count), position), count, axis=0, largest=0)
     order = g("Gather", by_score, by_image)
     images = g("Gather", images, by_image)
-    earlier = g("Less", g("Unsqueeze", images, g.constant([0])), g("Unsqueeze", images, g.constant([1])))
-    first = g("ReduceSum", g.cast(earlier, ir.DataType.INT64), g.constant([1]), keepdims=0)
+    number = g("Unsqueeze", g("Range", g.constant(0), batch, g.constant(1)), g.constant([1]))
+    is_of_image = g.cast(g("Equal", g("Unsqueeze", images, g.constant([0])), number), ir.DataType.INT64)  # (B, N)
+    counts = g("ReduceSum", is_of_image, g.constant([1]), keepdims=0)
+    first = g("Gather", g("CumSum", counts, g.constant(0), exclusive=1), images)
     is_kept = g("Less", g("Sub", position, first), max_detections)
     order = g("Compress", order, is_kept, axis=0)
     return g("Gather", selected, order), g("Gather", scores, order)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import onnx_ir as ir
@@ -42,7 +43,8 @@ def save_model(model: ir.Model, metadata: ModelMetadata, path: Path) -> None:
         ir.save(model, unfinished)
         os.replace(unfinished, path)
     except OSError as exc:
-        unfinished.unlink(missing_ok=True)
+        with suppress(OSError):
+            unfinished.unlink()
         raise OutputError(
             f"{path}: cannot write the model file ({exc.strerror}); choose another place with -o"
         ) from exc
