@@ -61,11 +61,19 @@ _STEM = conv(8, stride=2) + conv(12, stride=2)
 _SQUEEZE = section("avgpool") + conv(4, 1, activation="relu") + conv(12, 1, activation="logistic")
 
 TINY: dict[str, str] = {
-    f"activation-{name}": net() + conv(8, stride=2, activation=name) + conv(12, stride=2, activation=name) + head() + yolo()
+    f"activation-{name}": net()
+    + conv(8, stride=2, activation=name)
+    + conv(12, stride=2, activation=name)
+    + head()
+    + yolo()
     for name in ("linear", "leaky", "mish", "relu", "relu6", "swish", "logistic")
 }
 TINY |= {
-    "no-batch-norm": net() + conv(8, stride=2, batch_normalize=0) + conv(8, stride=2, batch_normalize=0) + head() + yolo(),
+    "no-batch-norm": net()
+    + conv(8, stride=2, batch_normalize=0)
+    + conv(8, stride=2, batch_normalize=0)
+    + head()
+    + yolo(),
     "groups": net() + _STEM + conv(12, groups=12) + conv(24, groups=4) + conv(12, 1) + head() + yolo(),
     "padding-key": net() + conv(8, 5, 2, pad=0, padding=2) + conv(8, 3, 2, pad=0, padding=1) + head() + yolo(),
     "maxpool-2": net() + conv(8) + maxpool(2, 2) + conv(8) + maxpool(2, 2) + maxpool(2, 1) + conv(8) + head() + yolo(),

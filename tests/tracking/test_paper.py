@@ -8,7 +8,6 @@ import pytest
 from lookonce.errors import ConfigError
 from lookonce.structures import Detections
 from lookonce.tracking import PaperConfig, Tracker
-from lookonce.tracking.distance import SCALE
 from tracking.scenes import apart, at_angle, make_detections
 
 NOTHING = make_detections(np.zeros((0, 2)))
@@ -34,7 +33,7 @@ def test_same_descriptors_keep_their_ids_in_any_order():
 
 
 def test_newest_descriptor_is_used_while_there_is_one():
-    """"The descriptor that is generated for that object is used to match it [...] in the next frame."""
+    """ "The descriptor that is generated for that object is used to match it [...] in the next frame."""
     assert _angles((0,), (20,), threshold=apart(25)) == [[1], [1]]
 
 
@@ -58,64 +57,26 @@ def _vector(*values):
 
 
 def test_it_is_the_median_of_each_element_not_the_mean_and_not_the_newest():
-    """Each of three frames has an outlier in another element; only the element-wise median is free of all three."""
-    noisy = [_vector(0.6, 0, 0), _vector(0, 0.6, 0), _vector(0, 0, 0.6)]
-    probe = _vector(0, 0, 0)  # to the median (0, 0, 0, 0.8): 0.2; to the mean: 0.4; to the newest: 0.63
-    median = np.median(noisy, axis=0)
-    distances = [np.linalg.norm(probe - other) for other in (median, np.mean(noisy, axis=0), noisy[-1])]
-    assert distances[0] < 0.25 < 0.35 < min(distances[1:])
-    history = [[row] for row in noisy]
-    assert _ids([*history, [probe]], threshold=0.9) == [[1]] * 4
-    # A second object, nearer to the mean and to the newest than the median is, must not win.
-    tracker = Tracker(PaperConfig(match_threshold=0.9))
-    for row in noisy:
-        tracker.update(make_detections([row]))
-    rule = tracker._rule._objects
-    assert rule is not None
-    np.testing.assert_allclose(rule.reference[0] / SCALE, median, atol=1e-6)
+    """Three frames, each with an outlier in another element: only the element-wise median is free of all three.
 
-
-def test_matching_separates_median_from_mean_and_newest():
-    """The same history, and a threshold that only the distance to the median passes."""
-    noisy = [_vector(0.35, 0, 0), _vector(0, 0.35, 0), _vector(0, 0, 0.35)]
-    probe = np.array(_vector(0, 0, 0))
-    to_median = np.linalg.norm(probe - np.median(noisy, axis=0))
-    to_mean, to_newest = np.linalg.norm(probe - np.mean(noisy, axis=0)), np.linalg.norm(probe - noisy[-1])
-    steps = np.linalg.norm(np.diff(noisy, axis=0), axis=1)
-    assert to_median < 0.1 < to_mean < to_newest < 0.5
-    assert steps.max() < 0.5
-    tracker = Tracker(PaperConfig(match_threshold=0.5))
-    for row in noisy:
-        assert tracker.update(make_detections([row])).ids.tolist() == [1]
-    # Rival of the fourth frame: as near to the newest as can be, but farther from the median than the probe.
-    rival = noisy[-1]
-    assert tracker.update(make_detections([rival, probe])).ids.tolist() == [2, 1]
+    Two detections follow: one nearest to the median, one in the direction of the mean, which is nearer to the newest
+    descriptor too.
+    """
+    history = np.array([_vector(0.35, 0, 0), _vector(0, 0.35, 0), _vector(0, 0, 0.35)])
+    median, mean = np.median(history, axis=0), np.mean(history, axis=0)
+    clean, average = np.array(_vector(0, 0, 0)), mean / np.linalg.norm(mean)
+    for reference, nearer, farther in [(median, clean, average), (mean, average, clean), (history[2], average, clean)]:
+        assert np.linalg.norm(reference - nearer) + 0.05 < np.linalg.norm(reference - farther)
+    frames = [*([row] for row in history), [average, clean]]
+    assert _ids(frames) == [[1], [1], [1], [2, 1]]
 
 
 def test_oldest_of_the_last_three_is_dropped():
-    """After 0, 20, 40 and 60 the median is 40: 62 is reached, and 18, near the median of the first three, is not."""
-    history = [(0,), (20,), (40,), (60,)]
-    assert _angles(*history, (62,), threshold=apart(41))[-1] == [1]
-    assert _angles(*history, (0,), threshold=apart(39))[-1] == [2]
-    assert _angles(*history, (0,), threshold=apart(41))[-1] == [1]
-    assert _angles(*history, (60.5,), threshold=apart(41))[-1] == [1]
-    assert _angles(*history, (78,), threshold=apart(39), )[-1] == [1]
-    assert _angles(*history, (78,), threshold=apart(39))[:4] == [[1]] * 4
-
-
-@pytest.mark.parametrize(
-    ("threshold", "expected"),
-    [
-        pytest.param(np.nextafter(np.sqrt(2) / 2, 0), [2], id="just-below"),
-        pytest.param(np.sqrt(0.5), None, id="rounded"),
-        pytest.param(0.71, [1], id="just-above"),
-    ],
-)
-def test_distance_above_the_threshold_is_neglected(threshold, expected):
-    first, second = np.array([1.0, 0, 0, 0]), np.array([0.75, np.sqrt(0.4375), 0, 0])
-    np.testing.assert_allclose(np.linalg.norm(first - second), np.sqrt(0.5))
-    ids = _ids([[first], [second]], threshold=float(threshold))[1]
-    assert ids == (expected or ids)
+    """After 0, 20, 40 and 60 the median is 40, not 20 (the first three), 30 (all four) or 60 (the newest)."""
+    history, threshold = [(0,), (20,), (40,), (60,)], apart(45)
+    assert _angles(*history, (82,), threshold=threshold) == [[1]] * 5  # 62 from the median of the first three
+    assert _angles(*history, (-8,), threshold=threshold) == [[1]] * 4 + [[2]]  # 28 and 38 from the others
+    assert _angles(*history, (100,), threshold=threshold) == [[1]] * 4 + [[2]]  # 40 from the newest
 
 
 @pytest.mark.parametrize(
@@ -165,7 +126,7 @@ def test_new_ids_go_by_row():
 
 
 def test_object_missed_once_is_a_new_object():
-    """"The objects detected in previous frame": there is no longer memory."""
+    """ "The objects detected in previous frame": there is no longer memory."""
     assert _angles((0, 90), (90,), (0, 90)) == [[1, 2], [2], [3, 2]]
 
 
@@ -251,9 +212,11 @@ def test_random_scenes_equal_the_rule_written_plainly(seed, threshold):
 def test_ties_go_to_the_lowest_id_then_the_lowest_row():
     """Three objects with one descriptor, two detections with it too: ids by order, whatever the rows of before were."""
     assert _angles((0, 0, 0), (0, 0)) == [[1, 2, 3], [1, 2]]
-    # Rows swap (2 before 1), then a tie: the lowest id wins, not the lowest row of the frame before.
-    assert _angles((0, 60), (60, 0), (30,), threshold=apart(35)) == [[1, 2], [2, 1], [1]]
-    assert _angles((0,), (30, -30), threshold=apart(35)) == [[1], [1, 2]]
+    one, two, between = np.eye(4)[0], np.eye(4)[1], np.full(4, 0.5)  # each exactly 1 from the middle
+    assert _ids([[one, two], [between]]) == [[1, 2], [1]]
+    # The rows swap, then a tie: the lowest id wins, not the lowest row of the frame before.
+    assert _ids([[one, two], [two, one], [between]]) == [[1, 2], [2, 1], [1]]
+    assert _ids([[between], [two, one]]) == [[1], [1, 2]]
 
 
 def test_tracks_are_the_detections_with_ids():

@@ -22,7 +22,7 @@ from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, Sink, pr
 from lookonce.pipeline import StageTimes, TrackedFrame, share_processors, track_video, tracker_for
 from lookonce.structures import NO_ID
 from lookonce.tracking import Tracker
-from lookonce.video import VideoSource, open_video
+from lookonce.video import VideoSource, open_video, without_password
 
 __all__ = ["track_command"]
 
@@ -89,14 +89,9 @@ def track_command(
         opened = Model(model, provider=provider, threads=per_inference, score_threshold=score, iou_threshold=overlap)
         labels = opened.labels_of([name for name in classes.split(",") if name.strip()])
         chosen = tracker_for(opened, tracker, match_threshold)
-        folder = output or Path("runs") / frames.name
-        names = [_MOT_FILE, _JSON_FILE] + ([_VIDEO_FILE] if video else [])
-        prepare_output_folder(folder, [_MOT_FILE, _JSON_FILE, _VIDEO_FILE], overwrite)
-        header = _header(source, opened, tracker, chosen, classes)
-        sinks: list[Sink] = [MotSink(folder / _MOT_FILE), JsonLinesSink(folder / _JSON_FILE, header, opened.names)]
-        if video:
-            rate = (frames.rate or _USUAL_RATE) / every
-            sinks.append(AnnotatedVideoSink(folder / _VIDEO_FILE, opened.names, rate))
+        header = _header(without_password(source), opened, tracker, chosen, classes)
+        rate = (frames.rate or _USUAL_RATE) / every if video else None
+        sinks = _open_sinks(output or Path("runs") / frames.name, overwrite, opened, header, rate)
         for sink in sinks:
             stack.enter_context(sink)
         run = _Run(frames, StageTimes())
@@ -106,10 +101,21 @@ def track_command(
             )
         finally:
             stack.close()  # results first, then the table
-            run.print_summary([folder / name for name in names])
+            run.print_summary([sink.path for sink in sinks])
 
 
 track_command.__doc__ = f"{track_command.__doc__}\n{_EXAMPLES}"
+
+
+def _open_sinks(
+    folder: Path, overwrite: bool, model: Model, header: dict[str, object], video_rate: float | None
+) -> list[Sink]:
+    """The files of one run; without a rate no video. Earlier results of any kind are in the way, or replaced."""
+    prepare_output_folder(folder, [_MOT_FILE, _JSON_FILE, _VIDEO_FILE], overwrite)
+    sinks: list[Sink] = [MotSink(folder / _MOT_FILE), JsonLinesSink(folder / _JSON_FILE, header, model.names)]
+    if video_rate is not None:
+        sinks.append(AnnotatedVideoSink(folder / _VIDEO_FILE, model.names, video_rate))
+    return sinks
 
 
 class _Run:

@@ -85,13 +85,12 @@ class Model:
         self.iou_threshold = iou_threshold
         self.max_detections = max_detections
         self.dropped_rows = 0
-        self._counting = threading.Lock()  # several threads may run one model
+        self._counting = threading.Lock()  # several threads may use one model
         self._session = open_session(self.path, provider, self.threads)
         self._outputs = ["image_index", "boxes", "scores", "labels"]
         if self.metadata.descriptor is not None:
             self._outputs.append("descriptors")
         self._check_interface()
-        self._letterbox = Letterboxer(self.metadata.size)
         self._thresholds: dict[str, NDArray[Any]] = {
             "score_threshold": np.array(score_threshold, np.float32),
             "iou_threshold": np.array(iou_threshold, np.float32),
@@ -153,7 +152,8 @@ class Model:
                 raise ValueError(f"image: expected at least one pixel, got {image.shape}")
         if not images:
             return []
-        canvases, fits = zip(*(self._letterbox(image) for image in images), strict=True)
+        letterbox = Letterboxer(self.size)  # its tables belong to one thread, and cost little beside a network
+        canvases, fits = zip(*(letterbox(image) for image in images), strict=True)
         return self.run(np.stack(canvases), fits)
 
     def run(self, canvases: NDArray[np.uint8], fits: Sequence[Fit]) -> list[Detections]:

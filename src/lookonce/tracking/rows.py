@@ -91,10 +91,9 @@ def rows_of_supervision(detections: SupervisionDetections) -> tuple[NDArray[np.f
     rows[:, :4] = xyxy
     rows[:, 4] = 1.0 if detections.confidence is None else detections.confidence
     rows[:, 5] = 0 if detections.class_id is None else detections.class_id
-    descriptors = detections.data.get(DESCRIPTOR_KEY)
-    if descriptors is not None and len(xyxy) == 0:
-        descriptors = np.asarray(descriptors).reshape(0, -1) if np.size(descriptors) == 0 else descriptors
-    return rows, descriptors
+    if len(xyxy) == 0:  # supervision's own empty detections carry no data at all
+        return rows, np.zeros((0, 0))
+    return rows, detections.data.get(DESCRIPTOR_KEY)
 
 
 def answer_supervision(detections: SupervisionDetections, ids: NDArray[np.int64]) -> SupervisionDetections:

@@ -82,7 +82,9 @@ def test_parameters_are_counted_by_hand(tmp_path):
 
 
 WRONG = [
-    pytest.param(net() + conv(8) + f"[convolutional]\nfliters=8{HERE}\n" + END, "did you mean filters?", id="wrong-key"),
+    pytest.param(
+        net() + conv(8) + f"[convolutional]\nfliters=8{HERE}\n" + END, "did you mean filters?", id="wrong-key"
+    ),
     pytest.param(net() + f"[convolutional]\nfilters=8\nxyzzy=1{HERE}\n" + END, "unknown key 'xyzzy'", id="strange-key"),
     pytest.param(net() + f"[conv]\nfilters=8\nfilters=8{HERE}\n" + END, "'filters' is given twice", id="key-twice"),
     pytest.param(f"width=32{HERE}\n" + net() + END, "before the first [section]", id="key-before-section"),
@@ -120,9 +122,7 @@ WRONG = [
         "expected 8 x 1 x 1",
         id="scale-other-channels",
     ),
-    pytest.param(
-        net() + f"[conv]\nfilters=999999999{HERE}\n" + END, "expected 1 to 16384", id="huge-filter-count"
-    ),
+    pytest.param(net() + f"[conv]\nfilters=999999999{HERE}\n" + END, "expected 1 to 16384", id="huge-filter-count"),
     pytest.param(net(4096, 4096) + f"[conv]{HERE}\nfilters=16384\n" + END, "beyond the limit", id="huge-output"),
     pytest.param(
         net() + conv(8) + section("upsample", stride=16) + f"[upsample]{HERE}\nstride=16\n" + END,
@@ -152,8 +152,11 @@ WRONG = [
         "mask=3: expected 0 to 2",
         id="mask-out-of-range",
     ),
-    pytest.param(net() + conv(24, 1) + section("dropout") + f"[yolo]{HERE}\nclasses=3\nnum=3\n" + "anchors=1,2,3,4,5,6\n",
-        "expected a [convolutional] before", id="no-convolution-before"),
+    pytest.param(
+        net() + conv(24, 1) + section("dropout") + f"[yolo]{HERE}\nclasses=3\nnum=3\n" + "anchors=1,2,3,4,5,6\n",
+        "expected a [convolutional] before",
+        id="no-convolution-before",
+    ),
     pytest.param(
         net() + conv(8) + head() + yolo().replace("[yolo]", f"[yolo]{HERE}").strip() + "\nnew_coords=1\n",
         "go together",
@@ -164,10 +167,16 @@ WRONG = [
         "go together",
         id="logistic-without-new-coords",
     ),
-    pytest.param(net() + conv(8) + head() + region().replace("softmax=1", f"softmax=0{HERE}"), "softmax=1", id="region-logistic"),
-    pytest.param(net() + conv(8) + head() + region().replace("coords=4", f"coords=5{HERE}"), "coords=4", id="region-coords"),
     pytest.param(
-        net() + conv(8) + END + route("0") + head() + region().replace("[region]", f"[region]{HERE}"), "of one kind", id="two-kinds"
+        net() + conv(8) + head() + region().replace("softmax=1", f"softmax=0{HERE}"), "softmax=1", id="region-logistic"
+    ),
+    pytest.param(
+        net() + conv(8) + head() + region().replace("coords=4", f"coords=5{HERE}"), "coords=4", id="region-coords"
+    ),
+    pytest.param(
+        net() + conv(8) + END + route("0") + head() + region().replace("[region]", f"[region]{HERE}"),
+        "of one kind",
+        id="two-kinds",
     ),
     pytest.param(
         net() + head() + yolo().replace("[yolo]", f"[yolo]{HERE}"), "two layers of the same grid", id="one-layer"
@@ -210,7 +219,9 @@ def test_wrong_network_is_refused_with_path_and_line(tmp_path, body, message):
 
 
 @pytest.mark.parametrize(
-    "size", [(60, 64), (64, 60), (0, 64), (-64, 64), (16, 16), (24, 64), (8192, 64), (64, 33)], ids=lambda size: f"{size[0]}x{size[1]}"
+    "size",
+    [(60, 64), (64, 60), (0, 64), (-64, 64), (16, 16), (24, 64), (8192, 64), (64, 33)],
+    ids=lambda size: f"{size[0]}x{size[1]}",
 )
 def test_unsuitable_size_is_a_config_error(tmp_path, size):
     with pytest.raises(ConfigError, match="multiple of 8 px"):
@@ -273,7 +284,9 @@ def _mutate(text: bytes, rng: random.Random) -> bytes:
             case 2:
                 lines.insert(row, lines[rng.randrange(len(lines))])
             case 3:
-                number = rng.choice([b"0", b"-1", b"-7", b"99999999999999999999", b"1e308", b"-2147483649", b"nan", b"3"])
+                number = rng.choice(
+                    [b"0", b"-1", b"-7", b"99999999999999999999", b"1e308", b"-2147483649", b"nan", b"3"]
+                )
                 lines[row] = re.sub(rb"\d+", number, lines[row], count=1)
             case 4:
                 lines[row] = lines[row][: rng.randrange(len(lines[row]) + 1)]
@@ -288,7 +301,7 @@ def test_damaged_cfg_raises_nothing_but_our_errors(tmp_path, name):
     """300 mutants of each network: either a readable network with usable features, or one line of explanation."""
     rng = random.Random(name)
     path = tmp_path / "damaged.cfg"
-    refused = 0
+    messages = []
     start = time.monotonic()
     for _ in range(300):
         path.write_bytes(_mutate(TINY[name].encode(), rng))
@@ -296,8 +309,7 @@ def test_damaged_cfg_raises_nothing_but_our_errors(tmp_path, name):
             config = read_cfg(path)
             scale_features(config)
         except LookonceError as error:
-            refused += 1
-            assert str(path) in str(error)
-            assert "\n" not in str(error)
-    assert 30 < refused < 300
+            messages.append(str(error))
+    assert 30 < len(messages) < 300
+    assert [text for text in messages if str(path) not in text or "\n" in text] == []
     assert time.monotonic() - start < 10

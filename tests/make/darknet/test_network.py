@@ -132,8 +132,10 @@ def test_reorg_is_darknets_own_order():
 @pytest.mark.parametrize(("height", "width"), [(8, 8), (7, 9), (5, 6)])
 @pytest.mark.parametrize(
     "spec",
-    [MaxPool(2, 2, 1), MaxPool(2, 1, 1), MaxPool(3, 2, 2), MaxPool(3, 1, 2), MaxPool(5, 1, 4), MaxPool(9, 1, 8)]
-    + [MaxPool(2, 2, 0), MaxPool(3, 2, 0), MaxPool(4, 2, 3), MaxPool(3, 3, 2), MaxPool(2, 2, 2), MaxPool(3, 1, 4)],
+    [
+        *(MaxPool(2, 2, 1), MaxPool(2, 1, 1), MaxPool(3, 2, 2), MaxPool(3, 1, 2), MaxPool(5, 1, 4), MaxPool(9, 1, 8)),
+        *(MaxPool(2, 2, 0), MaxPool(3, 2, 0), MaxPool(4, 2, 3), MaxPool(3, 3, 2), MaxPool(2, 2, 2), MaxPool(3, 1, 4)),
+    ],
     ids=lambda spec: f"size{spec.size}-stride{spec.stride}-padding{spec.padding}",
 )
 def test_maxpool_pads_with_minus_infinity(spec, height, width):

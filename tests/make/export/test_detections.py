@@ -21,7 +21,9 @@ def _assert_equal_detections(outputs, expected_by_image):
     """
     expected = [(index, row) for index, rows in enumerate(expected_by_image) for row in rows]
     assert outputs["image_index"].tolist() == [index for index, _ in expected]
-    for index, label, score, box in zip(*(outputs[n] for n in ("image_index", "labels", "scores", "boxes")), strict=True):
+    for index, label, score, box in zip(
+        *(outputs[n] for n in ("image_index", "labels", "scores", "boxes")), strict=True
+    ):
         first = expected[0][1].score
         near = [n for n, (_, row) in enumerate(expected[:20]) if first - row.score < 1e-6 and row.label == label]
         assert near, f"label {label} where {expected[0]} belongs"
@@ -92,7 +94,9 @@ def test_ties_go_to_the_lowest_class_then_the_first_anchor(tmp_path):
     assert outputs["labels"].tolist() == ([0] * 12 + [2] * 12) * 2
     centres = (outputs["boxes"][:12, :2] + outputs["boxes"][:12, 2:]) / 2
     np.testing.assert_allclose(centres, [[8, 8], [24, 8], [8, 24], [24, 24]] * 3, atol=1e-3)
-    np.testing.assert_allclose(np.ptp(outputs["boxes"][::4][:3, [0, 2]], axis=1), np.exp(-1.5) * np.array([8, 14, 30]), 1e-5)
+    np.testing.assert_allclose(
+        np.ptp(outputs["boxes"][::4][:3, [0, 2]], axis=1), np.exp(-1.5) * np.array([8, 14, 30]), 1e-5
+    )
 
     cut = run_file(path, pictures, iou_threshold=1.0, max_detections=5)
     for name, values in cut.items():

@@ -74,7 +74,11 @@ def test_raw_maps_of_official_networks_equal_pytorch(data_folder, tmp_path, name
 
 
 def _rows(outputs, image):
-    return {name: values[outputs["image_index"] == image].tobytes() for name, values in outputs.items() if name != "image_index"}
+    return {
+        name: values[outputs["image_index"] == image].tobytes()
+        for name, values in outputs.items()
+        if name != "image_index"
+    }
 
 
 def _assert_same_bytes_however_run(path, plain, pictures, **settings):
@@ -96,7 +100,9 @@ def _assert_same_bytes_however_run(path, plain, pictures, **settings):
 @pytest.mark.parametrize("name", ["two-scales", "region-reorg", "new-coords", "squeeze-excite", "spp"])
 def test_same_bytes_however_it_is_run(tiny_model, name):
     pictures = random_pictures(read_cfg(tiny_model(name).cfg).size, count=8)
-    _assert_same_bytes_however_run(tiny_model(name).path, tiny_model(name, descriptors=False).path, pictures, score_threshold=0.3)
+    _assert_same_bytes_however_run(
+        tiny_model(name).path, tiny_model(name, descriptors=False).path, pictures, score_threshold=0.3
+    )
 
 
 @pytest.mark.data

@@ -82,9 +82,7 @@ def test_layers_that_play_two_parts(tmp_path, body):
     metadata = import_darknet(cfg, weights, tmp_path / "tiny.onnx")
     assert metadata.descriptor is not None
     pictures = random_pictures((64, 64))
-    outputs = _assert_descriptors_equal_features(
-        cfg, weights, tmp_path / "tiny.onnx", pictures, score_threshold=0.2
-    )
+    outputs = _assert_descriptors_equal_features(cfg, weights, tmp_path / "tiny.onnx", pictures, score_threshold=0.2)
     assert outputs["descriptors"].shape[1] == metadata.descriptor.size
 
 

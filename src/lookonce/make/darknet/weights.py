@@ -50,6 +50,8 @@ def read_weights(path: Path, config: DarknetConfig) -> tuple[dict[int, Convoluti
         WeightsError: the file is missing, has an unknown header, or is a byte short or long.
     """
     try:
+        if path.is_dir():
+            raise WeightsError(f"{path}: a folder, not a weights file")
         length = path.stat().st_size
         if length > _header_bytes(2) + config.parameter_count * _FLOAT_BYTES:
             _fail_length(path, length, config, _header_bytes(2))
