@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import platform
-import time
-from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from lookonce import __version__
+from lookonce.cli.screen import RunScreen
 from lookonce.model import Model
 from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, Sink, prepare_output_folder
-from lookonce.pipeline import StageTimes, TrackedFrame, share_processors, track_video, tracker_for
-from lookonce.structures import NO_ID
-from lookonce.tracking import Tracker
+from lookonce.pipeline import StageTimes, share_processors, track_video, tracker_for
 from lookonce.video import VideoSource, open_video, without_password
 
 __all__ = ["track_command"]
 
 _MOT_FILE, _JSON_FILE, _VIDEO_FILE = "tracks.txt", "tracks.jsonl", "annotated.mp4"
-_LINE_EVERY_S = 30.0
 _USUAL_RATE = 25.0  # frames per second, for sources that do not say theirs
 
 _EXAMPLES = """
@@ -43,6 +36,36 @@ _EXAMPLES = """
 
   lookonce track rtsp://user:password@camera/stream -m model.onnx --max-frames 1000
 """
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSettings:
+    """All that the results of a run depend on, besides the files: kept in their header."""
+
+    source: str
+    model: str
+    tracker: str
+    match_threshold: float | None
+    classes: tuple[str, ...]
+    score: float
+    iou: float
+    start_s: float
+    end_s: float | None
+    every: int
+    max_frames: int | None
+    fps: float | None
+    provider: str
+
+    def open_video(self) -> VideoSource:
+        """The chosen part of the source."""
+        return open_video(
+            self.source,
+            start_s=self.start_s,
+            end_s=self.end_s,
+            every=self.every,
+            fps=self.fps,
+            max_frames=self.max_frames,
+        )
 
 
 def track_command(
@@ -81,30 +104,55 @@ def track_command(
     ] = None,
 ) -> None:
     """Track the objects of a video: writes tracks.txt (MOT), tracks.jsonl and annotated.mp4."""
-    with ExitStack() as stack:
-        frames = stack.enter_context(
-            open_video(source, start_s=start, end_s=end, every=every, fps=fps, max_frames=max_frames)
-        )
-        per_inference, workers = share_processors(frames.is_live, threads, provider)
-        opened = Model(model, provider=provider, threads=per_inference, score_threshold=score, iou_threshold=overlap)
-        labels = opened.labels_of([name for name in classes.split(",") if name.strip()])
-        chosen = tracker_for(opened, tracker, match_threshold)
-        header = _header(without_password(source), opened, tracker, chosen, classes)
-        rate = (frames.rate or _USUAL_RATE) / every if video else None
-        sinks = _open_sinks(output or Path("runs") / frames.name, overwrite, opened, header, rate)
-        for sink in sinks:
-            stack.enter_context(sink)
-        run = _Run(frames, StageTimes())
-        try:
-            run.follow(
-                track_video(frames, opened, chosen, labels=labels, workers=workers, sinks=sinks, times=run.times)
-            )
-        finally:
-            stack.close()  # results first, then the table
-            run.print_summary([sink.path for sink in sinks])
+    settings = TrackSettings(
+        source=source,
+        model=model,
+        tracker=tracker,
+        match_threshold=match_threshold,
+        classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
+        score=score,
+        iou=overlap,
+        start_s=start,
+        end_s=end,
+        every=every,
+        max_frames=max_frames,
+        fps=fps,
+        provider=provider,
+    )
+    _run(settings, output, overwrite=overwrite, with_video=video, threads=threads)
 
 
 track_command.__doc__ = f"{track_command.__doc__}\n{_EXAMPLES}"
+
+
+def _run(
+    settings: TrackSettings, output: Path | None, *, overwrite: bool, with_video: bool, threads: int | None
+) -> None:
+    with ExitStack() as stack:
+        video = stack.enter_context(settings.open_video())
+        per_inference, workers = share_processors(video.is_live, threads, settings.provider)
+        model = Model(
+            settings.model,
+            provider=settings.provider,
+            threads=per_inference,
+            score_threshold=settings.score,
+            iou_threshold=settings.iou,
+        )
+        labels = model.labels_of(settings.classes)
+        tracker = tracker_for(model, settings.tracker, settings.match_threshold)
+        header = _header(model, asdict(settings) | asdict(tracker.config))
+        rate = (video.rate or _USUAL_RATE) / settings.every if with_video else None
+        sinks = _open_sinks(output or Path("runs") / video.name, overwrite, model, header, rate)
+        for sink in sinks:
+            stack.enter_context(sink)
+        screen = RunScreen(video, StageTimes())
+        try:
+            screen.follow(
+                track_video(video, model, tracker, labels=labels, workers=workers, sinks=sinks, times=screen.times)
+            )
+        finally:
+            stack.close()  # results first, then the table
+            screen.print_summary([sink.path for sink in sinks])
 
 
 def _open_sinks(
@@ -118,69 +166,7 @@ def _open_sinks(
     return sinks
 
 
-class _Run:
-    """One run on the screen: progress while it goes, a table when it ends, however it ends."""
-
-    def __init__(self, video: VideoSource, times: StageTimes) -> None:
-        self.video = video
-        self.times = times
-        self.identities = 0
-        self.seconds = 0.0
-
-    def follow(self, frames: Iterator[TrackedFrame]) -> None:
-        """Consume the frames, showing progress on stderr: a bar on a terminal, a line now and then elsewhere."""
-        console = Console(stderr=True)
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]:.1f} fps"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        start, last_line_s = time.perf_counter(), 0.0
-        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-            task = progress.add_task(self.video.name, total=self.video.frame_count, rate=0.0)
-            try:
-                for frame in frames:
-                    self._count(frame)
-                    self.seconds = time.perf_counter() - start
-                    progress.update(task, advance=1, rate=self.times.frames / self.seconds)
-                    if not console.is_terminal and self.seconds - last_line_s >= _LINE_EVERY_S:
-                        last_line_s = self.seconds
-                        console.print(self._line(), soft_wrap=True)
-            finally:
-                self.seconds = time.perf_counter() - start
-
-    def _line(self) -> str:
-        """Progress in one line, such as ``traffic: 1200 of 9000 frames, 58.1 fps, 134 s left``."""
-        done, total, rate = self.times.frames, self.video.frame_count, self.times.frames / self.seconds
-        if not total:
-            return f"{self.video.name}: {done} frames, {rate:.1f} fps"
-        return f"{self.video.name}: {done} of {total} frames, {rate:.1f} fps, {max(0, total - done) / rate:.0f} s left"
-
-    def _count(self, frame: TrackedFrame) -> None:
-        self.identities = max(self.identities, int(frame.tracks.ids.max(initial=NO_ID)))
-
-    def print_summary(self, files: list[Path]) -> None:
-        """One table: frames, frames a second of each stage, identities, files."""
-        table = Table(title=self.video.name, show_header=False, title_justify="left")
-        rate = self.times.frames / self.seconds if self.seconds else 0.0
-        table.add_row("frames", f"{self.times.frames} in {self.seconds:.1f} s, {rate:.1f} fps")
-        for stage, seconds in self.times.seconds.items():
-            if seconds > 0:
-                each = seconds / max(1, self.times.frames)
-                side_by_side = self.times.workers if stage == "detect" else 1
-                note = f", {side_by_side} at once" if side_by_side > 1 else ""
-                table.add_row(stage, f"{side_by_side / each:.1f} fps ({each * 1000:.2f} ms a frame{note})")
-        table.add_row("identities", str(self.identities))
-        for path in files:
-            table.add_row("written", str(path))
-        Console().print(table)
-
-
-def _header(source: str, model: Model, preset: str, tracker: Tracker, classes: str) -> dict[str, object]:
+def _header(model: Model, settings: dict[str, object]) -> dict[str, object]:
     """What the first line of the JSON file says: enough to make the run again."""
     packages = ("numpy", "onnxruntime", "av")
     return {
@@ -193,12 +179,5 @@ def _header(source: str, model: Model, preset: str, tracker: Tracker, classes: s
             "size": list(model.size),
             "descriptor": asdict(model.metadata.descriptor) if model.metadata.descriptor else None,
         },
-        "settings": {
-            "source": source,
-            "classes": [name.strip() for name in classes.split(",") if name.strip()],
-            "score": model.score_threshold,
-            "iou": model.iou_threshold,
-            "tracker": preset,
-            **asdict(tracker.config),
-        },
+        "settings": {**settings, "source": without_password(str(settings["source"]))},
     }

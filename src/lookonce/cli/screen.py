@@ -1,0 +1,81 @@
+"""What a run shows on the screen: progress while it goes, a table when it ends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from lookonce.pipeline import StageTimes, TrackedFrame
+from lookonce.structures import NO_ID
+from lookonce.video import VideoSource
+
+__all__ = ["RunScreen"]
+
+_LINE_EVERY_S = 30.0
+
+
+class RunScreen:
+    """One run: progress on stderr, the closing table on stdout."""
+
+    def __init__(self, video: VideoSource, times: StageTimes) -> None:
+        self.video = video
+        self.times = times
+        self.identities = 0
+        self.seconds = 0.0
+
+    def follow(self, frames: Iterator[TrackedFrame]) -> None:
+        """Consume the frames, showing progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+        console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]:.1f} fps"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
+        start, last_line_s = time.perf_counter(), 0.0
+        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+            task = progress.add_task(self.video.name, total=self.video.frame_count, rate=0.0)
+            try:
+                for frame in frames:
+                    self._count(frame)
+                    self.seconds = time.perf_counter() - start
+                    progress.update(task, advance=1, rate=self.times.frames / self.seconds)
+                    if not console.is_terminal and self.seconds - last_line_s >= _LINE_EVERY_S:
+                        last_line_s = self.seconds
+                        console.print(self._line(), soft_wrap=True)
+            finally:
+                self.seconds = time.perf_counter() - start
+
+    def _line(self) -> str:
+        """Progress in one line, such as ``traffic: 1200 of 9000 frames, 58.1 fps, 134 s left``."""
+        done, total, rate = self.times.frames, self.video.frame_count, self.times.frames / self.seconds
+        if not total:
+            return f"{self.video.name}: {done} frames, {rate:.1f} fps"
+        return f"{self.video.name}: {done} of {total} frames, {rate:.1f} fps, {max(0, total - done) / rate:.0f} s left"
+
+    def _count(self, frame: TrackedFrame) -> None:
+        self.identities = max(self.identities, int(frame.tracks.ids.max(initial=NO_ID)))
+
+    def print_summary(self, files: list[Path]) -> None:
+        """One table: frames, frames a second of each stage, identities, files."""
+        table = Table(title=self.video.name, show_header=False, title_justify="left")
+        rate = self.times.frames / self.seconds if self.seconds else 0.0
+        table.add_row("frames", f"{self.times.frames} in {self.seconds:.1f} s, {rate:.1f} fps")
+        for stage, seconds in self.times.seconds.items():
+            if seconds > 0:
+                each = seconds / max(1, self.times.frames)
+                side_by_side = self.times.workers if stage == "detect" else 1
+                note = f", {side_by_side} at once" if side_by_side > 1 else ""
+                table.add_row(stage, f"{side_by_side / each:.1f} fps ({each * 1000:.2f} ms a frame{note})")
+        table.add_row("identities", str(self.identities))
+        for path in files:
+            table.add_row("written", str(path))
+        Console().print(table)
