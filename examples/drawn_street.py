@@ -22,7 +22,7 @@ from lookonce.video import VideoWriter, open_video
 WIDTH, HEIGHT, RATE, SECONDS = 640, 360, 25, 14
 FINE: Final = 4  # everything is drawn so many times larger, then scaled down
 SPRITE_SCALE: Final = 30 * FINE  # px in a sprite for a metre
-HORIZON, FAR_KERB, NEAR_KERB = 150, 205, 338  # rows of the picture
+FAR_KERB, NEAR_KERB = 205, 338  # rows of the picture
 
 Colour = tuple[int, int, int]
 Points = list[tuple[float, float]]  # metres from the rear bumper and above the ground
@@ -95,22 +95,25 @@ SHAPES: Final = {
         doors=(1.39, 2.55),
         belt=0.94,
     ),
-    "van": Shape(
+    "bus": Shape(
         body=[
-            (0.02, 0.35),
-            (0, 1.95),
-            (0.2, 2.15),
-            (3.4, 2.15),
-            (4.25, 1.3),
-            (4.95, 1.12),
-            (5.1, 0.7),
-            (5.05, 0.3),
-            (0.2, 0.3),
+            (0.03, 0.35),
+            (0, 2.8),
+            (0.12, 2.98),
+            (8.3, 2.98),
+            (8.5, 2.8),
+            (8.6, 1.2),
+            (8.58, 0.3),
+            (0.15, 0.3),
         ],
-        glass=[[(3.0, 1.28), (3.0, 1.95), (3.4, 1.95), (4.0, 1.28)]],
-        wheels=(0.95, 4.1),
-        radius=0.36,
-        doors=(1.5, 2.9, 3.9),
+        glass=[
+            *([(x, 1.35), (x, 2.5), (x + 1.2, 2.5), (x + 1.2, 1.35)] for x in (0.3, 1.58, 2.86, 4.14, 5.42)),
+            [(6.75, 0.5), (6.75, 2.5), (7.55, 2.5), (7.55, 0.5)],
+            [(7.7, 1.2), (7.7, 2.5), (8.4, 2.5), (8.48, 1.2)],
+        ],
+        wheels=(1.9, 6.2),
+        radius=0.48,
+        doors=(6.68, 7.15, 7.62),
         belt=1.1,
     ),
 }
@@ -129,12 +132,11 @@ class Trip:
 
 
 TRIPS: Final = (
-    Trip("hatchback", (196, 38, 34), 232, 25, 440, -36),
-    Trip("sedan", (150, 156, 164), 232, 25, 640, -36),
-    Trip("van", (232, 232, 228), 232, 25, 860, -36),
-    Trip("sedan", (28, 62, 128), 316, 25, 180, 48),
-    Trip("hatchback", (44, 120, 78), 316, 25, -40, 48),
-    Trip("van", (206, 160, 60), 316, 25, -280, 48),
+    Trip("sedan", (150, 156, 164), 232, 25, 440, -36),
+    Trip("bus", (226, 170, 44), 232, 25, 720, -36),
+    Trip("hatchback", (196, 38, 34), 232, 25, 980, -36),
+    Trip("sedan", (44, 120, 78), 316, 25, 180, 48),
+    Trip("hatchback", (232, 232, 228), 316, 25, -100, 48),
 )
 
 
@@ -209,7 +211,7 @@ class Sprite:
             self._lines([[*points, points[0]]], (16, 16, 18), 0.025)
 
     def _draw_details(self, colour: Colour) -> None:
-        """Joints of the doors, handles, lights, mirror."""
+        """Joints of the doors, handles, lights."""
         dark = (colour[0] * 2 // 5, colour[1] * 2 // 5, colour[2] * 2 // 5)
         shape, belt = self.shape, self.shape.belt
         nose = max(x for x, _ in shape.body)
@@ -292,7 +294,7 @@ def draw_tree(draw: ImageDraw.ImageDraw, x: int, rng: np.random.Generator) -> No
 
 
 def draw_background(rng: np.random.Generator) -> Image.Image:
-    """Sky, houses, sidewalks and a road of four lanes, without traffic."""
+    """Sky, houses, sidewalks and a road of two lanes, without traffic."""
     size = (WIDTH * FINE, HEIGHT * FINE)
     scene = shaded(size, (172, 200, 232), [0, 0.5], [0.92, 1.12])
     draw_buildings(scene, rng)
@@ -356,8 +358,8 @@ def main() -> None:
         "files", type=Path, nargs="+", help="the clip to write; with --gif: a video and the GIF to write"
     )
     parser.add_argument("--gif", action="store_true", help="make a GIF from a video instead")
-    parser.add_argument("--start", type=float, default=0.2, help="where the GIF begins, seconds")
-    parser.add_argument("--end", type=float, default=5.2, help="where the GIF ends, seconds")
+    parser.add_argument("--start", type=float, default=5.0, help="where the GIF begins, seconds")
+    parser.add_argument("--end", type=float, default=9.5, help="where the GIF ends, seconds")
     parser.add_argument("--seed", type=int, default=0, help="of the clip's noise, houses and trees")
     given = parser.parse_args()
     if len(given.files) != 1 + given.gif:
