@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import lookonce
+import lookonce.video
 from lookonce.pipeline import StageTimes, share_processors, track_video, tracker_for
 from squares import write_clip
 
@@ -53,6 +54,22 @@ def test_results_do_not_depend_on_how_many_frames_are_inferred_at_once(
 def test_every_and_max_frames_choose_frames_by_index(square_clip: Path, square_model: Path) -> None:
     frames = list(lookonce.track(square_clip, square_model, every=3, max_frames=3))
     assert [f.index for f in frames] == [0, 3, 6]
+
+
+def test_the_parts_by_hand_give_what_track_gives(tmp_path: Path, square_model: Path) -> None:
+    from squares import picture
+
+    clip = tmp_path / "grey.mp4"  # coloured edges, where scaling YUV and scaling RGB differ
+    with lookonce.video.VideoWriter(clip, 10) as writer:
+        for index in range(6):
+            writer.write(np.kron(picture(index), np.ones((3, 5, 1), np.uint8)) // 2 + 40, index / 10)
+    model, tracker = lookonce.Model(square_model, score_threshold=0.01), lookonce.Tracker("paper")
+    by_hand = [tracker.update(model.detect(frame), frame.time_s) for frame in lookonce.open_video(clip)]
+    at_once = [frame.tracks for frame in lookonce.track(clip, model)]
+    assert len(by_hand) == len(at_once) == 6
+    for ours, theirs in zip(by_hand, at_once, strict=True):
+        assert ours.ids.tolist() == theirs.ids.tolist()
+        assert ours.scores.tobytes() == theirs.scores.tobytes()
 
 
 def test_two_streams_at_once_do_not_meet(square_clip: Path, square_model: Path) -> None:

@@ -7,14 +7,14 @@ is cheaper than converting the whole frame to RGB first (`docs/log.md`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Protocol, cast, runtime_checkable
 
 import av
 import numpy as np
 from av.video.reformatter import Interpolation, VideoReformatter
 from numpy.typing import NDArray
 
-__all__ = ["PADDING_GREY", "Fit", "Letterboxer", "fit", "to_rgb"]
+__all__ = ["PADDING_GREY", "Fit", "Letterboxer", "Pictured", "fit", "to_rgb"]
 
 PADDING_GREY = 128  # Darknet letterboxes with 0.5 of full scale
 _RGB = "rgb24"
@@ -63,6 +63,21 @@ def _pixels(frame: av.VideoFrame, pixel_format: str) -> NDArray[np.uint8]:
 
 def _turn(rgb: NDArray[np.uint8], quarter_turns: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.rot90(rgb, quarter_turns)) if quarter_turns % 4 else rgb
+
+
+@runtime_checkable
+class Pictured(Protocol):
+    """A frame of a source: its picture as the decoder gave it, and the quarter turns that bring it upright."""
+
+    @property
+    def picture(self) -> av.VideoFrame | NDArray[np.uint8]:
+        """The decoder's frame, or (H, W, 3) uint8 RGB."""
+        ...
+
+    @property
+    def rotation(self) -> int:
+        """Quarter turns counter-clockwise."""
+        ...
 
 
 class Letterboxer:

@@ -275,3 +275,24 @@ def test_version() -> None:
     import lookonce as package
 
     assert lookonce("--version").stdout.strip() == f"lookonce {package.__version__}"
+
+
+def test_names_that_look_like_markup_are_shown_as_they_are(tmp_path: Path) -> None:
+    """Rich would take "[/red]" in a class or file name for markup and fail on it."""
+    cfg, weights, names = write_darknet(tmp_path)
+    names.write_text("[/red]\n[bold]other\n")
+    assert lookonce("import", cfg, weights, "--names", names, "-o", tmp_path / "[b].onnx").returncode == 0
+    listed = lookonce("models", tmp_path / "[b].onnx")
+    assert "2: [/red], [bold]other" in listed.stdout
+    clip = write_clip(tmp_path / "[_x].mp4", frames=2)
+    result = lookonce("track", clip, "-m", tmp_path / "[b].onnx", "-o", tmp_path / "[out]", "--no-video")
+    assert result.returncode == 0, result.stderr
+    assert "[_x]" in result.stdout
+    assert "[out]" in result.stdout
+
+
+def test_names_with_control_characters_are_refused(tmp_path: Path) -> None:
+    cfg, weights, names = write_darknet(tmp_path)
+    names.write_bytes(b"red\n\x1b[31mother\n")
+    result = lookonce("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
+    assert_one_line(result, 1, "squares.names:2", "control characters")

@@ -10,7 +10,7 @@ from lookonce.errors import ModelError
 from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata
 
 FULL = ModelMetadata(
-    names=("car", "Straßenbahn", 'quote " and \n newline'),
+    names=("car", "Straßenbahn", 'quote " and \\ and \u00e9'),
     size=(288, 512),
     strides_px=(32, 16),
     descriptor=DescriptorInfo("native", 608, ("layer_1", "layer_2"), 0.75),
@@ -66,6 +66,8 @@ def _descriptor(**changes):
         pytest.param(_changed(size=[64, True]), "expected a whole number", id="size-true"),
         pytest.param(_changed(size=[64, 10**30]), "expected a whole number", id="size-huge"),
         pytest.param(_changed(strides_px=[]), "expected a list", id="no-strides"),
+        pytest.param(_changed(names=["a\nb"]), "on one line", id="name-with-line-break"),
+        pytest.param(_changed(names=["\x1b[31m"]), "on one line", id="name-with-escape-code"),
         pytest.param(_changed(descriptor=[]), "expected a descriptor", id="descriptor-list"),
         pytest.param(_changed(descriptor={}), "lacks 'match_threshold'", id="descriptor-empty"),
         pytest.param(_changed(descriptor=_descriptor(size=-1)), "expected a whole number", id="descriptor-size"),

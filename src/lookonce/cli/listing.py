@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from lookonce.errors import ModelError
 from lookonce.model import ModelMetadata, describe_model
@@ -75,7 +76,7 @@ def _print(path: Path, about: ModelMetadata) -> None:
         facts["descriptors"] = f"{about.descriptor.kind}, {about.descriptor.size} values, {calibrated}"
     table = Table.grid(padding=(0, 2))
     for fact, value in facts.items():
-        table.add_row(f"  {fact}", value)
+        table.add_row(f"  {fact}", Text(value))  # not markup: names come from the file
     print(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
     Console().print(table)
 

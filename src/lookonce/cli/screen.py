@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from lookonce.pipeline import StageTimes, TrackedFrame
 from lookonce.structures import NO_ID
@@ -32,7 +33,7 @@ class RunScreen:
         """Consume the frames, showing progress on stderr: a bar on a terminal, a line now and then elsewhere."""
         console = Console(stderr=True)
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[rate]:.1f} fps"),
@@ -50,7 +51,7 @@ class RunScreen:
                     progress.update(task, advance=1, rate=self.times.frames / self.seconds)
                     if not console.is_terminal and self.seconds - last_line_s >= _LINE_EVERY_S:
                         last_line_s = self.seconds
-                        console.print(self._line(), soft_wrap=True)
+                        console.print(self._line(), soft_wrap=True, markup=False)
             finally:
                 self.seconds = time.perf_counter() - start
 
@@ -66,7 +67,7 @@ class RunScreen:
 
     def print_summary(self, files: list[Path]) -> None:
         """One table: frames, frames a second of each stage, identities, files."""
-        table = Table(title=self.video.name, show_header=False, title_justify="left")
+        table = Table(title=Text(self.video.name), show_header=False, title_justify="left")
         rate = self.times.frames / self.seconds if self.seconds else 0.0
         table.add_row("frames", f"{self.times.frames} in {self.seconds:.1f} s, {rate:.1f} fps")
         for stage, seconds in self.times.seconds.items():
@@ -77,5 +78,5 @@ class RunScreen:
                 table.add_row(stage, f"{side_by_side / each:.1f} fps ({each * 1000:.2f} ms a frame{note})")
         table.add_row("identities", str(self.identities))
         for path in files:
-            table.add_row("written", str(path))
+            table.add_row("written", Text(str(path)))
         Console().print(table)

@@ -112,8 +112,8 @@ class ModelMetadata:
 
 
 def _text(value: object) -> str:
-    if not isinstance(value, str) or len(value) > 10_000:
-        raise ValueError("expected a short text")
+    if not isinstance(value, str) or len(value) > 10_000 or not value.isprintable():
+        raise ValueError("expected a short text on one line")
     return value
 
 

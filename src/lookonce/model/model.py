@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import os
 import threading
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from lookonce.boxes import clip
 from lookonce.errors import ConfigError, ModelError
-from lookonce.letterbox import Fit, Letterboxer
+from lookonce.letterbox import Fit, Letterboxer, Pictured
 from lookonce.model.metadata import METADATA_KEY, ModelMetadata
 from lookonce.model.onnx_file import read_metadata
 from lookonce.model.session import available_cpus, open_session, run_session
@@ -128,32 +129,40 @@ class Model:
             elif text.isdecimal() and int(text) < len(self.names):
                 labels.append(int(text))
             else:
+                near = difflib.get_close_matches(text, self.names, n=1)
                 known = ", ".join(self.names[:12]) + (", ..." if len(self.names) > 12 else "")
-                raise ConfigError(f"class '{text}' is not in {self.path}; it has {known}")
+                hint = f"did you mean {near[0]}?" if near else f"it has {known}"
+                raise ConfigError(f"class '{text}' is not in {self.path}; {hint}")
         return np.array(sorted(set(labels)), np.int64)
 
-    def detect(self, image: NDArray[np.uint8]) -> Detections:
-        """What the detector sees in ``image (H, W, 3) uint8 RGB``; boxes in its px, cut at its border."""
+    def detect(self, image: NDArray[np.uint8] | Pictured) -> Detections:
+        """What the detector sees in one picture; boxes in its px, cut at its border.
+
+        Args:
+            image: (H, W, 3) uint8 RGB; or a frame of :func:`lookonce.open_video`, which is scaled as its decoder gave
+                it: faster, and exactly what :func:`lookonce.track` sees.
+        """
         return self.detect_batch([image])[0]
 
-    def detect_batch(self, images: Sequence[NDArray[np.uint8]]) -> list[Detections]:
-        """One :class:`Detections` for each image, in order; images may differ in size.
+    def detect_batch(self, images: Sequence[NDArray[np.uint8] | Pictured]) -> list[Detections]:
+        """One :class:`Detections` for each image or frame, in order; they may differ in size.
 
         The result for an image does not depend on the others in the batch.
 
         Raises:
             ValueError: an image is not (H, W, 3) uint8.
         """
-        for image in images:
-            if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                what = f"{image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
-                raise ValueError(f"image: expected (H, W, 3) uint8 RGB, got {what}")
-            if 0 in image.shape:
-                raise ValueError(f"image: expected at least one pixel, got {image.shape}")
         if not images:
             return []
         letterbox = Letterboxer(self.size)  # its tables belong to one thread, and cost little beside a network
-        canvases, fits = zip(*(letterbox(image) for image in images), strict=True)
+        letterboxed = []
+        for image in images:
+            if isinstance(image, Pictured):
+                letterboxed.append(letterbox(image.picture, image.rotation))
+            else:
+                _check_image(image)
+                letterboxed.append(letterbox(image))
+        canvases, fits = zip(*letterboxed, strict=True)
         return self.run(np.stack(canvases), fits)
 
     def run(self, canvases: NDArray[np.uint8], fits: Sequence[Fit]) -> list[Detections]:
@@ -221,3 +230,10 @@ class Model:
             raise ModelError(
                 f"{self.path}: its descriptors are {outputs['descriptors']}, not as described; make it again"
             )
+
+
+def _check_image(image: object) -> None:
+    if not isinstance(image, np.ndarray):
+        raise ValueError(f"image: expected (H, W, 3) uint8 RGB or a frame, got {type(image).__name__}")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise ValueError(f"image: expected (H, W, 3) uint8 RGB with pixels, got {image.shape} {image.dtype}")

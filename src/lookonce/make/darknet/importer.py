@@ -9,7 +9,7 @@ from pathlib import Path
 import onnx_ir as ir
 import torch
 
-from lookonce.errors import ConfigError
+from lookonce.errors import ConfigError, FormatError
 from lookonce.make.darknet.cfg import read_cfg
 from lookonce.make.darknet.features import backbone_layers, scale_features
 from lookonce.make.darknet.layers import DarknetConfig, Layer, Region, Shortcut, Yolo
@@ -67,6 +67,8 @@ def import_darknet(
     Raises:
         LookonceError: an input is wrong or the file cannot be written.
     """
+    if not license.isprintable():
+        raise ConfigError("license: expected text on one line")
     config = read_cfg(cfg, size)
     class_names = _class_names(names, config.classes)
     parameters, digest = read_weights(weights, config)
@@ -143,6 +145,9 @@ def _class_names(path: Path | None, classes: int) -> tuple[str, ...]:
     if path is None:
         return tuple(f"class {index}" for index in range(classes))
     names = read_names(path)
+    for line, name in enumerate(names, start=1):
+        if not name.isprintable():
+            raise FormatError(path, line, "a class name with control characters; expected one name a line")
     if len(names) != classes:
         raise ConfigError(f"{path}: {len(names)} class names, but the network has {classes} classes; give its own file")
     return names
