@@ -15,6 +15,7 @@ from typing import Any, Final, Self
 import av
 import numpy as np
 from av.container import OutputContainer
+from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
@@ -75,6 +76,7 @@ class VideoWriter:
         self._encoders = tuple(encoders)
         self._container: OutputContainer | None = None
         self._stream: VideoStream | None = None
+        self._scaler = VideoReformatter()  # keeps swscale's tables between pictures
         self._first_s = 0.0
         self._last_stamp = -1
         self._closed = self._is_broken = False
@@ -113,7 +115,7 @@ class VideoWriter:
         if (height, width) != rgb.shape[:2]:
             rgb = np.pad(rgb, ((0, height - rgb.shape[0]), (0, width - rgb.shape[1]), (0, 0)), mode="edge")
         picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24")
-        picture = picture.reformat(width=self._stream.width, height=self._stream.height, format="yuv420p")
+        picture = self._scaler.reformat(picture, self._stream.width, self._stream.height, "yuv420p", threads=1)
         time_base = self._stream.codec_context.time_base
         self._last_stamp = max(round((time_s - self._first_s) / time_base), self._last_stamp + 1)
         picture.pts, picture.time_base = self._last_stamp, time_base
