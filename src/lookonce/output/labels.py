@@ -57,7 +57,7 @@ def _load_font(path: Path | None, font_px: int) -> ImageFont.FreeTypeFont | Imag
     if path is None:
         return ImageFont.load_default(font_px)
     try:
-        return ImageFont.truetype(path, font_px)
+        return ImageFont.truetype(str(path), font_px)
     except OSError as exc:
         raise ConfigError(f"{path}: cannot be read as a font ({exc}); give a .ttf or .otf file") from exc
 
