@@ -106,7 +106,13 @@ class Letterboxer:
         scaled = self._scaler.reformat(
             picture, width=width, height=height, format=_RGB, interpolation=Interpolation.AREA, threads=1
         )
-        canvas = np.full((*self.network, 3), PADDING_GREY, np.uint8)
-        top, left = placed.offset
-        canvas[top : top + placed.scaled[0], left : left + placed.scaled[1]] = _turn(_pixels(scaled, _RGB), rotation)
-        return canvas, placed
+        return self._place(_turn(_pixels(scaled, _RGB), rotation), placed), placed
+
+    def _place(self, scaled: NDArray[np.uint8], placed: Fit) -> NDArray[np.uint8]:
+        """The scaled picture on grey; only the bars beside it are filled."""
+        canvas = np.empty((*self.network, 3), np.uint8)
+        (top, left), (height, width) = placed.offset, placed.scaled
+        canvas[:top] = canvas[top + height :] = PADDING_GREY
+        canvas[top : top + height, :left] = canvas[top : top + height, left + width :] = PADDING_GREY
+        canvas[top : top + height, left : left + width] = scaled
+        return canvas

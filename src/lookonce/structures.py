@@ -18,13 +18,17 @@ _UNIT_LENGTH_TOLERANCE = 1e-3  # float16 storage of a unit vector stays within t
 
 def _check(name: str, array: object, shape: tuple[int | None, ...], dtype: type) -> None:
     """Raise ``ValueError`` unless ``array`` has that shape (None = any) and dtype."""
+    if (
+        isinstance(array, np.ndarray)
+        and array.dtype == dtype
+        and array.ndim == len(shape)
+        and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+    ):
+        return
     letters = ", ".join("N" if n is None else str(n) for n in shape)
-    expected = f"{name}: expected ({letters}{',' if len(shape) == 1 else ''}) {np.dtype(dtype).name}"
-    if not isinstance(array, np.ndarray):
-        raise ValueError(f"{expected}, got {type(array).__name__}")
-    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
-    if not fits or array.dtype != dtype:
-        raise ValueError(f"{expected}, got {array.shape} {array.dtype}")
+    comma = "," if len(shape) == 1 else ""
+    got = f"{array.shape} {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+    raise ValueError(f"{name}: expected ({letters}{comma}) {np.dtype(dtype).name}, got {got}")
 
 
 def _check_finite(name: str, array: NDArray[np.float32]) -> None:
