@@ -109,6 +109,6 @@ def test_tracks_give_the_rows_that_have_an_identity():
     tracks = Tracks(ids, fields["xyxy"], fields["scores"], np.array([1, 0, 5]), *none, names=("car", "bus"))
     assert len(tracks) == 3
     rows = list(tracks)
-    assert [(t.id, t.label, t.name) for t in rows] == [(4, 1, "bus"), (1, 5, "")]
+    assert [(t.id, t.label, t.name) for t in rows] == [(4, 1, "bus"), (1, 5, "5")]
     assert [t.xyxy.tolist() for t in rows] == [fields["xyxy"][0].tolist(), fields["xyxy"][2].tolist()]
     assert [t.score for t in rows] == [0.0, pytest.approx(0.2)]

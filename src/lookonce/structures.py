@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_ID", "Detections", "Track", "Tracks"]
+__all__ = ["NO_ID", "Detections", "Track", "Tracks", "class_name"]
 
 NO_ID = -1
 """The id of a row that has no identity (yet)."""
+
+
+def class_name(names: Sequence[str], label: int) -> str:
+    """The name of class ``label``; its number where ``names`` does not reach.
+
+    >>> class_name(["person", "car"], 1), class_name([], 7)
+    ('car', '7')
+    """
+    return names[label] if 0 <= label < len(names) else str(label)
+
 
 _UNIT_LENGTH_TOLERANCE = 1e-3  # float16 storage of a unit vector stays within this
 
@@ -103,7 +113,7 @@ class Track:
     xyxy: NDArray[np.float32]
     score: float
     label: int
-    name: str = ""
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,5 +145,5 @@ class Tracks:
         """The rows that have an identity."""
         for row in np.flatnonzero(self.ids != NO_ID):
             label = int(self.labels[row])
-            name = self.names[label] if 0 <= label < len(self.names) else ""
+            name = class_name(self.names, label)
             yield Track(int(self.ids[row]), self.xyxy[row], float(self.scores[row]), label, name)

@@ -29,7 +29,7 @@ _LOADING_ERRORS: tuple[type[Exception], ...] = (
     ValueError,
     RuntimeError,
 )  # ValueError: its message on a damaged name is not UTF-8
-_LOG_ERRORS_ONLY = 3
+_LOG_FATAL_ONLY = 4  # errors come as exceptions, which are told in one line
 
 
 def available_cpus() -> int:
@@ -57,7 +57,7 @@ def open_session(path: Path, provider: str, threads: int) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    options.log_severity_level = _LOG_ERRORS_ONLY
+    options.log_severity_level = _LOG_FATAL_ONLY
     providers = [PROVIDERS[provider]] + ([PROVIDERS["cpu"]] if provider != "cpu" else [])
     try:
         # Its own fallback would print to stdout and go on with another provider.

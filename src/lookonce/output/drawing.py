@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.boxes import clip
-from lookonce.output.class_names import class_name
 from lookonce.output.colours import Colour, text_colour, track_colour
 from lookonce.output.labels import TextMasks, place_labels, plain_ascii
 from lookonce.output.trails import NO_TRAILS, TrailBrush, Trails
-from lookonce.structures import NO_ID, Tracks
+from lookonce.structures import NO_ID, Tracks, class_name
 
 __all__ = ["TrackPainter", "draw_tracks"]
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.output.append_only import AppendOnlyFile
-from lookonce.output.class_names import class_name
 from lookonce.output.sink import Sink
-from lookonce.structures import NO_ID, Tracks
+from lookonce.structures import NO_ID, Tracks, class_name
 from lookonce.video.frame import Frame
 
 __all__ = ["JsonLinesSink"]

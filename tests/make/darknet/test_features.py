@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from darknet_files import TINY, conv, head, maxpool, net, route, section, shortcut, yolo
-from lookonce.errors import ConfigError
 from lookonce.make.darknet.cfg import read_cfg
 from lookonce.make.darknet.features import backbone_layers, scale_features
 
@@ -65,10 +64,10 @@ def test_grid_without_backbone_layer_reads_the_near_layer_twice(tmp_path, body, 
     assert expected is None or _indices(config) == expected
 
 
-def test_output_of_a_single_cell_is_refused(tmp_path):
+def test_layers_do_not_depend_on_the_size_down_to_one_cell(tmp_path):
     """A coarsest grid of one cell was taken for an average pool, and its stride was missing."""
-    with pytest.raises(ConfigError, match="from 32 to 4096"):
-        _read(tmp_path, TINY["two-scales"], (16, 32))
-    body = net() + "".join(conv(8, stride=2) for _ in range(5)) + head() + yolo()
-    with pytest.raises(ConfigError, match="multiple of 32 px, the network's largest stride, from 64"):
-        _read(tmp_path, body, (32, 64))
+    for body in TINY.values():
+        config = _read(tmp_path, body)
+        stride = config.largest_stride
+        assert _indices(_read(tmp_path, body, (stride, stride))) == _indices(config)
+        assert _indices(_read(tmp_path, body, (stride, 3 * stride))) == _indices(config)

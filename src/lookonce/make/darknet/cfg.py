@@ -55,11 +55,10 @@ def read_cfg(path: Path, size: tuple[int, int] | None = None) -> DarknetConfig:
     if size is None or size == own_size:
         return config
     stride = config.largest_stride
-    smallest = max(32, 2 * stride)
-    if not all(smallest <= n <= _MAX_SIZE_PX and n % stride == 0 for n in size):
+    if not all(0 < n <= _MAX_SIZE_PX and n % stride == 0 for n in size):
         raise ConfigError(
             f"size {size[0]}x{size[1]}: each side must be a multiple of {stride} px, the network's largest stride, "
-            f"from {smallest} to {_MAX_SIZE_PX}"
+            f"up to {_MAX_SIZE_PX}"
         )
     return _build(path, sections[1:], size)
 
@@ -295,8 +294,6 @@ def _check_network(config: DarknetConfig) -> None:
     height, width = config.size
     if any(height % o.height or width % o.width or height * o.width != width * o.height for o in outputs):
         raise FormatError(config.path, 0, f"size {height}x{width} is not a multiple of the largest stride")
-    if any(o.height < 2 or o.width < 2 for o in outputs):
-        raise FormatError(config.path, 0, f"size {height}x{width} leaves an output of one cell; choose a larger size")
     _check_readers(config)
 
 

@@ -9,9 +9,10 @@ leaves `near` alone. Finer grids than the outputs' are offered too.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from lookonce.make.darknet.layers import DarknetConfig, Dropout, Layer, Region, Shortcut, Yolo
+from lookonce.make.darknet.layers import AvgPool, Convolutional, DarknetConfig, Dropout, Layer, Region, Shortcut, Yolo
 
 __all__ = ["ScaleFeatures", "backbone_layers", "scale_features"]
 
@@ -43,8 +44,8 @@ def scale_features(config: DarknetConfig) -> tuple[ScaleFeatures, ...]:
 def backbone_layers(config: DarknetConfig) -> dict[int, Layer]:
     """The last backbone layer of each stride from 4 to the coarsest output's, by stride in px, finest first."""
     layers: dict[int, Layer] = {}
-    trunk = config.layers[: _trunk_end(config)]
-    for stride in sorted({config.stride(layer) for layer in trunk if layer.height > 1}):
+    trunk = _trunk(config)
+    for stride in sorted({config.stride(layer) for layer in trunk}):
         if not _FINEST_STRIDE <= stride <= config.largest_stride:
             continue
         of_stride = [layer for layer in trunk if config.stride(layer) == stride]
@@ -57,15 +58,29 @@ def backbone_layers(config: DarknetConfig) -> dict[int, Layer]:
     return layers
 
 
-def _trunk_end(config: DarknetConfig) -> int:
-    """Index of the first layer after the backbone: where the grid first becomes finer again, or an output comes."""
-    finest = config.size[0]
+def _trunk(config: DarknetConfig) -> list[Layer]:
+    """The layers of the backbone: all before the grid first becomes finer again, or an output's own two layers."""
+    coarsest = config.size[0] // config.largest_stride
+    trunk: list[Layer] = []
+    for layer in _with_grid(config):
+        if isinstance(layer.spec, Yolo | Region):
+            return [before for before in trunk if before.index < layer.index - 2]
+        if trunk and layer.height > trunk[-1].height and trunk[-1].height <= coarsest:
+            return trunk
+        trunk.append(layer)
+    return trunk
+
+
+def _with_grid(config: DarknetConfig) -> Iterator[Layer]:
+    """The layers that keep a grid: not the average pools and what follows them up to the product with a grid."""
+    is_pooled = False
     for layer in config.layers:
-        is_output = isinstance(layer.spec, Yolo | Region)
-        if is_output or (layer.height > finest > 1 and finest <= config.size[0] // config.largest_stride):
-            return layer.index if not is_output else layer.index - 2
-        finest = layer.height
-    return len(config.layers)
+        if isinstance(layer.spec, AvgPool):
+            is_pooled = True
+        elif not isinstance(layer.spec, Convolutional | Dropout):
+            is_pooled = False
+        if not is_pooled:
+            yield layer
 
 
 def _skip_dropout(config: DarknetConfig, layer: Layer) -> Layer:
