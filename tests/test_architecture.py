@@ -32,7 +32,7 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "evaluation": ({*LEAVES, "datasets"}, {"numpy", "scipy"}),
     "pipeline": ({*LEAVES, "video", "model", "tracking", "output"}, {"numpy"}),
     "make": (
-        {*LEAVES, "datasets", "video", "model"},
+        {*LEAVES, "datasets", "video", "model", "evaluation"},
         {"numpy", "torch", "onnx", "onnx_ir", "onnxscript", "safetensors"},
     ),
     "cli": (
@@ -42,8 +42,9 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
 }
 # inside `make`: a graph is written for any network, so `export` knows no Darknet
 ROOMS["make.export"] = ROOMS["make"]
-ROOMS["cli"][0].update({"make.darknet", "make.export"})
+ROOMS["cli"][0].update({"make.darknet", "make.export", "make.probing"})
 ROOMS["make.darknet"] = (ROOMS["make"][0] | {"make.export"}, ROOMS["make"][1])
+ROOMS["make.probing"] = (ROOMS["make"][0], ROOMS["make"][1] | {"matplotlib", "PIL"})
 
 FORBIDDEN_FILES = {"utils.py", "util.py", "misc.py", "helpers.py", "helper.py", "common.py"}
 MAX_FILE_LINES = 400

@@ -7,12 +7,15 @@ import json
 import pytest
 
 from lookonce.errors import ModelError
-from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata
+from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata, OutputGrid
 
 FULL = ModelMetadata(
     names=("car", "Straßenbahn", 'quote " and \\ and \u00e9'),
     size=(288, 512),
-    strides_px=(32, 16),
+    outputs=(
+        OutputGrid(32, ((81.0, 82.0), (135.0, 169.0)), "layer_1", "layer_1"),
+        OutputGrid(16, ((10.0, 14.0), (23.0, 27.5)), "layer_2", "layer_1"),
+    ),
     descriptor=DescriptorInfo("native", 608, ("layer_1", "layer_2"), 0.75),
     features=(Feature("layer_1", 96, 32), Feature("layer_2", 512, 16)),
     license="MIT",
@@ -20,7 +23,7 @@ FULL = ModelMetadata(
     training={"data": "none"},
     made_by="0.1.0",
 )
-BARE = ModelMetadata(names=("car",), size=(64, 64), strides_px=(8,))
+BARE = ModelMetadata(names=("car",), size=(64, 64), outputs=(OutputGrid(8, ((4.0, 4.0),), "a", "a"),))
 
 
 @pytest.mark.parametrize("metadata", [FULL, BARE], ids=["full", "bare"])
@@ -37,6 +40,10 @@ def test_description_is_plain_json():
 
 def _changed(**changes):
     return json.dumps({**json.loads(FULL.to_json()), **changes})
+
+
+def _output(**changes):
+    return {**json.loads(FULL.to_json())["outputs"][0], **changes}
 
 
 def _descriptor(**changes):
@@ -65,7 +72,13 @@ def _descriptor(**changes):
         pytest.param(_changed(size=[0, 64]), "from 1 to 4096, got 0", id="size-zero"),
         pytest.param(_changed(size=[64, True]), "expected a whole number", id="size-true"),
         pytest.param(_changed(size=[64, 10**30]), "expected a whole number", id="size-huge"),
-        pytest.param(_changed(strides_px=[]), "expected a list", id="no-strides"),
+        pytest.param(_changed(outputs=[]), "expected a list", id="no-outputs"),
+        pytest.param(_changed(outputs=[3]), "expected an output grid", id="output-is-number"),
+        pytest.param(_changed(outputs=[_output(stride_px=0)]), "expected a whole number", id="stride-zero"),
+        pytest.param(_changed(outputs=[_output(anchors_px=[])]), "expected a list", id="no-anchors"),
+        pytest.param(_changed(outputs=[_output(anchors_px=[[1]])]), "list of 2 to 2", id="anchor-of-one-number"),
+        pytest.param(_changed(outputs=[_output(anchors_px=[[1, -2]])]), "anchors_px: expected", id="negative-anchor"),
+        pytest.param(_changed(outputs=[_output(near=7)]), "expected a short text", id="near-is-number"),
         pytest.param(_changed(names=["a\nb"]), "on one line", id="name-with-line-break"),
         pytest.param(_changed(names=["\x1b[31m"]), "on one line", id="name-with-escape-code"),
         pytest.param(_changed(descriptor=[]), "expected a descriptor", id="descriptor-list"),

@@ -61,9 +61,11 @@ def _files(paths: list[Path] | None) -> list[Path]:
 def _print(path: Path, about: ModelMetadata) -> None:
     """One model: its file, then what is in it, a line each."""
     names = ", ".join(about.names[:6]) + (", ..." if len(about.names) > 6 else "")
+    height, width = about.size
+    strides = _join(grid.stride_px for grid in about.outputs)
     facts = {
         "classes": f"{len(about.names)}: {names}",
-        "input": f"{about.size[0]}x{about.size[1]} (height x width), strides {_join(about.strides_px)}",
+        "input": f"{height}x{width} (height x width), strides {strides}",
         "descriptors": "none",
         "features": _join(f"{f.name} ({f.channels} at stride {f.stride_px})" for f in about.features),
         "license": about.license,

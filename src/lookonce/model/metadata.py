@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 
 from lookonce.errors import ModelError
 
-__all__ = ["FORMAT_VERSION", "METADATA_KEY", "DescriptorInfo", "Feature", "ModelMetadata"]
+__all__ = ["FORMAT_VERSION", "METADATA_KEY", "DescriptorInfo", "Feature", "ModelMetadata", "OutputGrid"]
 
 METADATA_KEY = "lookonce"
 FORMAT_VERSION = 1
@@ -25,6 +25,23 @@ class Feature:
     name: str
     channels: int
     stride_px: int
+
+
+@dataclass(frozen=True, slots=True)
+class OutputGrid:
+    """One grid on which the detector finds objects.
+
+    Attributes:
+        stride_px: input px for one cell.
+        anchors_px: (width, height) of the anchors in px of the input.
+        near: name of the feature near the output: what the last convolution before it reads.
+        early: name of the earlier feature of the same grid, rich in visual detail; ``near`` where there is none.
+    """
+
+    stride_px: int
+    anchors_px: tuple[tuple[float, float], ...]
+    near: str
+    early: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +69,7 @@ class ModelMetadata:
     Attributes:
         names: class names, by label.
         size: the network's input (height, width) in px.
-        strides_px: input px for one cell, for each output grid.
+        outputs: the grids on which the detector finds objects.
         descriptor: None for a file that only detects.
         features: tensors that descriptor heads may read.
         license: terms of the weights, as far as known.
@@ -63,7 +80,7 @@ class ModelMetadata:
 
     names: tuple[str, ...]
     size: tuple[int, int]
-    strides_px: tuple[int, ...]
+    outputs: tuple[OutputGrid, ...]
     descriptor: DescriptorInfo | None = None
     features: tuple[Feature, ...] = ()
     license: str = "unknown"
@@ -97,7 +114,7 @@ class ModelMetadata:
             return cls(
                 names=tuple(_text(name) for name in _list(content["names"], 1, _MAX_CLASSES)),
                 size=_size(content["size"]),
-                strides_px=tuple(_whole(n, 1, _MAX_SIZE_PX) for n in _list(content["strides_px"], 1, 16)),
+                outputs=tuple(_output(grid) for grid in _list(content["outputs"], 1, 16)),
                 descriptor=_descriptor(content["descriptor"]),
                 features=tuple(_feature(f) for f in _list(content["features"], 0, 1000)),
                 license=_text(content["license"]),
@@ -140,6 +157,24 @@ def _size(value: object) -> tuple[int, int]:
     return height, width
 
 
+def _output(value: object) -> OutputGrid:
+    if not isinstance(value, dict):
+        raise ValueError("expected an output grid")
+    stride_px = _whole(value["stride_px"], 1, _MAX_SIZE_PX)
+    return OutputGrid(stride_px, _anchors(value["anchors_px"]), _text(value["near"]), _text(value["early"]))
+
+
+def _anchors(value: object) -> tuple[tuple[float, float], ...]:
+    pairs = [_list(pair, 2, 2) for pair in _list(value, 1, 100)]
+    return tuple((_positive(width, "anchors_px"), _positive(height, "anchors_px")) for width, height in pairs)
+
+
+def _positive(value: object, name: str) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < math.inf:
+        raise ValueError(f"{name}: expected a positive number")
+    return float(value)
+
+
 def _feature(value: object) -> Feature:
     if not isinstance(value, dict):
         raise ValueError("expected a feature")
@@ -154,7 +189,7 @@ def _descriptor(value: object) -> DescriptorInfo | None:
     if not isinstance(value, dict):
         raise ValueError("expected a descriptor")
     threshold = value["match_threshold"]
-    if threshold is not None and not (isinstance(threshold, float) and math.isfinite(threshold) and threshold > 0):
-        raise ValueError("match_threshold: expected a positive number")
+    if threshold is not None:
+        threshold = _positive(threshold, "match_threshold")
     layers = tuple(_text(name) for name in _list(value["layers"], 0, 1000))
     return DescriptorInfo(_text(value["kind"]), _whole(value["size"], 1, _MAX_DESCRIPTOR), layers, threshold)

@@ -39,8 +39,14 @@ def available_cpus() -> int:
     return os.cpu_count() or 1
 
 
-def open_session(path: Path, provider: str, threads: int) -> Any:
+def open_session(path: Path, provider: str, threads: int, content: bytes | None = None) -> Any:
     """An ONNX Runtime session on a checked file.
+
+    Args:
+        path: the file, named in messages.
+        provider: ``cpu``, ``cuda`` or ``openvino``.
+        threads: for one inference.
+        content: what to load in place of the file: its graph, changed.
 
     Raises:
         ConfigError: the provider is unknown or not installed.
@@ -61,7 +67,7 @@ def open_session(path: Path, provider: str, threads: int) -> Any:
     providers = [PROVIDERS[provider]] + ([PROVIDERS["cpu"]] if provider != "cpu" else [])
     try:
         # Its own fallback would print to stdout and go on with another provider.
-        session = onnxruntime.InferenceSession(path, options, providers=providers, enable_fallback=0)
+        session = onnxruntime.InferenceSession(content or path, options, providers=providers, enable_fallback=0)
     except _LOADING_ERRORS as exc:
         raise ModelError(f"{path}: ONNX Runtime cannot load it ({_first_line(exc)})") from exc
     if session.get_providers()[0] != PROVIDERS[provider]:

@@ -22,7 +22,11 @@ def test_file_describes_itself(tmp_path):
     )
     assert describe_model(tmp_path / "new" / "m.onnx") == metadata
     assert metadata.names == ("car", "big lorry", "vélo")
-    assert (metadata.size, metadata.strides_px, metadata.license) == ((32, 64), (8, 4), "MIT")
+    assert (metadata.size, metadata.license) == ((32, 64), "MIT")
+    assert [grid.stride_px for grid in metadata.outputs] == [8, 4]
+    assert {name for grid in metadata.outputs for name in (grid.near, grid.early)} <= {
+        f.name for f in metadata.features
+    }
     assert metadata.source == {
         "cfg": "tiny.cfg",
         "weights": "tiny.weights",

@@ -11,15 +11,15 @@ import torch
 
 from lookonce.errors import ConfigError, FormatError
 from lookonce.make.darknet.cfg import read_cfg
-from lookonce.make.darknet.features import backbone_layers, scale_features
+from lookonce.make.darknet.features import ScaleFeatures, backbone_layers, scale_features
 from lookonce.make.darknet.layers import DarknetConfig, Layer, Region, Shortcut, Yolo
 from lookonce.make.darknet.network import DarknetNetwork
 from lookonce.make.darknet.weights import read_weights
 from lookonce.make.export.detections import OutputScale, write_detections
 from lookonce.make.export.graph import GraphWriter, trace
-from lookonce.make.export.model_file import declare_outputs, save_model
+from lookonce.make.export.model_file import declare_descriptors, declare_detections, save_model
 from lookonce.make.export.native import FeatureMap, write_native_descriptors
-from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata
+from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata, OutputGrid
 
 __all__ = ["import_darknet", "read_names"]
 
@@ -79,7 +79,7 @@ def import_darknet(
     metadata = ModelMetadata(
         names=class_names,
         size=config.size,
-        strides_px=tuple(config.stride(layer) for layer in config.outputs),
+        outputs=tuple(_output_grid(plan, scale) for scale in scale_features(config)),
         descriptor=_descriptor_info(plan) if descriptors else None,
         features=tuple(Feature(plan.name(f), f.channels, config.stride(f)) for f in plan.features),
         license=license,
@@ -98,26 +98,35 @@ def _write(network: DarknetNetwork, plan: _Plan, metadata: ModelMetadata, output
     g = GraphWriter(model.graph)
     scales = [_output_scale(config, o, values[n]) for o, n in zip(config.outputs, raw_names, strict=True)]
     detections = write_detections(g, scales, config.classes)
-    described, width = None, 0
+    declare_detections(g, detections)
     if metadata.descriptor is not None:
 
         def feature_map(layer: Layer) -> FeatureMap:
             return FeatureMap(values[plan.name(layer)], layer.channels, layer.height * layer.width)
 
         pairs = [(feature_map(s.near), feature_map(s.early)) for s in scale_features(config)]
-        described, width = write_native_descriptors(g, detections, pairs), metadata.descriptor.size
-    declare_outputs(g, detections, described, width)
+        declare_descriptors(g, write_native_descriptors(g, detections, pairs), metadata.descriptor.size)
     save_model(model, metadata, output)
 
 
 def _output_scale(config: DarknetConfig, layer: Layer, raw: ir.Value) -> OutputScale:
     stride, spec = config.stride(layer), config.output_spec(layer)
-    grid = (layer.height, layer.width)
-    if isinstance(spec, Region):  # its anchors are in cells
-        anchors = tuple((width * stride, height * stride) for width, height in spec.anchors)
+    grid, anchors = (layer.height, layer.width), _anchors_px(config, layer)
+    if isinstance(spec, Region):
         return OutputScale(raw, anchors, grid, stride, softmax=True)
     assert isinstance(spec, Yolo)
-    return OutputScale(raw, spec.anchors, grid, stride, spec.scale_x_y, spec.new_coords)
+    return OutputScale(raw, anchors, grid, stride, spec.scale_x_y, spec.new_coords)
+
+
+def _output_grid(plan: _Plan, scale: ScaleFeatures) -> OutputGrid:
+    stride, anchors = plan.config.stride(scale.output), _anchors_px(plan.config, scale.output)
+    return OutputGrid(stride, anchors, plan.name(scale.near), plan.name(scale.early))
+
+
+def _anchors_px(config: DarknetConfig, output: Layer) -> tuple[tuple[float, float], ...]:
+    spec = config.output_spec(output)
+    unit = config.stride(output) if isinstance(spec, Region) else 1  # YOLOv2's are in cells
+    return tuple((width * unit, height * unit) for width, height in spec.anchors)
 
 
 def _offered_features(config: DarknetConfig) -> tuple[Layer, ...]:

@@ -8,7 +8,7 @@ objectness: nothing is lost.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import onnx_ir as ir
@@ -21,6 +21,7 @@ __all__ = ["OutputScale", "SelectedDetections", "write_detections"]
 DEFAULT_SCORE_THRESHOLD = 0.25
 DEFAULT_IOU_THRESHOLD = 0.45
 DEFAULT_MAX_DETECTIONS = 1000
+NAME_PREFIX = "detection_"
 _BOX = 4
 _BEFORE_CLASSES = 5  # x, y, width, height, objectness
 
@@ -52,6 +53,8 @@ class OutputScale:
 class SelectedDetections:
     """The N detections of a batch, ordered by image, then by falling score.
 
+    In the graph each tensor is named ``detection_`` and its field, so that descriptor heads can be added later.
+
     Attributes:
         image_index: (N,) int64.
         boxes: (N, 4) float32 xyxy in px of the input.
@@ -59,6 +62,7 @@ class SelectedDetections:
         labels: (N,) int64.
         scale: (N,) int64, index of the output grid that found it.
         cell: (N,) int64, row x columns + column of its cell in that grid.
+        anchor: (N,) int64, which anchor of that cell.
     """
 
     image_index: ir.Value
@@ -67,6 +71,7 @@ class SelectedDetections:
     labels: ir.Value
     scale: ir.Value
     cell: ir.Value
+    anchor: ir.Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +83,11 @@ class _AnchorTables:
     geometry: NDArray[np.float32]  # (A, 6): column, row, stride, anchor width, anchor height, scale_x_y
     scale: NDArray[np.int64]  # (A,)
     cell: NDArray[np.int64]  # (A,)
+    anchor: NDArray[np.int64]  # (A,)
 
 
 def _tables(scales: Sequence[OutputScale], classes: int) -> _AnchorTables:
-    addresses, steps, geometries, indices, cells = [], [], [], [], []
+    addresses, steps, geometries, indices, cells, anchors = [], [], [], [], [], []
     start = 0
     for index, scale in enumerate(scales):
         rows, columns = scale.grid
@@ -96,9 +102,10 @@ def _tables(scales: Sequence[OutputScale], classes: int) -> _AnchorTables:
         geometries.append(geometry.reshape(-1, 6))
         indices.append(np.full(first.size, index))
         cells.append(np.tile(cell, count))
+        anchors.append(np.repeat(np.arange(count), len(cell)))
         start += count * (_BEFORE_CLASSES + classes) * len(cell)
-    integers = [np.concatenate(parts).astype(np.int64) for parts in (addresses, steps, indices, cells)]
-    return _AnchorTables(integers[0], integers[1], np.concatenate(geometries), integers[2], integers[3])
+    integers = [np.concatenate(parts).astype(np.int64) for parts in (addresses, steps, indices, cells, anchors)]
+    return _AnchorTables(integers[0], integers[1], np.concatenate(geometries), *integers[2:])
 
 
 def write_detections(g: GraphWriter, scales: Sequence[OutputScale], classes: int) -> SelectedDetections:
@@ -133,14 +140,18 @@ def write_detections(g: GraphWriter, scales: Sequence[OutputScale], classes: int
     selected, kept_scores = _order(g, selected, g("GatherND", scores, selected), batch, max_detections)
     image_and_candidate = g("Gather", selected, g.constant([0, 2]), axis=1)
     anchor = g("GatherND", candidates, image_and_candidate)
-    return SelectedDetections(
+    found = SelectedDetections(
         image_index=_column(g, selected, 0),
         boxes=g("GatherND", boxes, image_and_candidate),
         scores=kept_scores,
         labels=_column(g, selected, 1),
         scale=g("Gather", g.constant(tables.scale), anchor),
         cell=g("Gather", g.constant(tables.cell), anchor),
+        anchor=g("Gather", g.constant(tables.anchor), anchor),
     )
+    for field in fields(found):
+        getattr(found, field.name).name = f"{NAME_PREFIX}{field.name}"
+    return found
 
 
 def _candidates(

@@ -26,6 +26,7 @@ class GraphWriter:
     def __init__(self, graph: ir.Graph) -> None:
         self.graph = graph
         self._tape = Tape(graph)
+        self._taken = set(graph.initializers)  # a reopened graph has constants already
         self._constants = 0
 
     def __call__(self, op_type: str, *inputs: ir.Value | None, **attributes: Any) -> ir.Value:
@@ -42,6 +43,8 @@ class GraphWriter:
         if not isinstance(values, np.ndarray):
             array = array.astype(np.float32 if array.dtype.kind == "f" else np.int64)
         self._constants += 1
+        while f"constant_{self._constants}" in self._taken:
+            self._constants += 1
         return self._tape.initializer(ir.tensor(array, name=f"constant_{self._constants}"))
 
     def cast(self, value: ir.Value, dtype: ir.DataType) -> ir.Value:

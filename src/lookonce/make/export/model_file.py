@@ -13,18 +13,23 @@ from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.model.metadata import METADATA_KEY, ModelMetadata
 
-__all__ = ["declare_outputs", "save_model"]
+__all__ = ["DESCRIPTORS", "declare_descriptors", "declare_detections", "save_model"]
+
+DESCRIPTORS = "descriptors"
 
 
-def declare_outputs(g: GraphWriter, detections: SelectedDetections, descriptors: ir.Value | None, size: int) -> None:
-    """Declare the outputs of a model file; descriptors (N, size) where there are any."""
+def declare_detections(g: GraphWriter, detections: SelectedDetections) -> None:
+    """Declare the outputs of every model file."""
     real, whole = ir.DataType.FLOAT, ir.DataType.INT64
     g.output("image_index", detections.image_index, whole, ["detections"], "which image of the batch")
     g.output("boxes", detections.boxes, real, ["detections", 4], "left, top, right, bottom in px of the input")
     g.output("scores", detections.scores, real, ["detections"], "confidence in [0, 1]")
     g.output("labels", detections.labels, whole, ["detections"], "index into the class names")
-    if descriptors is not None:
-        g.output("descriptors", descriptors, real, ["detections", size], "unit length; near for one object")
+
+
+def declare_descriptors(g: GraphWriter, descriptors: ir.Value, size: int) -> None:
+    """Declare the descriptors (N, size) as an output."""
+    g.output(DESCRIPTORS, descriptors, ir.DataType.FLOAT, ["detections", size], "unit length; near for one object")
 
 
 def save_model(model: ir.Model, metadata: ModelMetadata, path: Path) -> None:

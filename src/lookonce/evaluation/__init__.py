@@ -1,0 +1,35 @@
+"""How good results are, as numbers: knows the truth and the results, and no tracker."""
+
+from lookonce.evaluation.retrieval.advice import advice
+from lookonce.evaluation.retrieval.breakdown import Aspect, BreakdownBin, break_down
+from lookonce.evaluation.retrieval.objects import DescribedObjects
+from lookonce.evaluation.retrieval.pairs import PairDistances, pair_distances
+from lookonce.evaluation.retrieval.ranking import (
+    RankOne,
+    Retrieval,
+    mean_average_precision,
+    nearest_distances,
+    rank_gallery,
+    rank_one,
+)
+from lookonce.evaluation.retrieval.rates import equal_error_rate, rates_at, roc_auc, threshold_at
+
+__all__ = [
+    "Aspect",
+    "BreakdownBin",
+    "DescribedObjects",
+    "PairDistances",
+    "RankOne",
+    "Retrieval",
+    "advice",
+    "break_down",
+    "equal_error_rate",
+    "mean_average_precision",
+    "nearest_distances",
+    "pair_distances",
+    "rank_gallery",
+    "rank_one",
+    "rates_at",
+    "roc_auc",
+    "threshold_at",
+]

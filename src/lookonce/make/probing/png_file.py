@@ -1,0 +1,28 @@
+"""A picture file that is there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from lookonce.errors import OutputError
+
+__all__ = ["write_png"]
+
+
+def write_png(path: Path, png: bytes) -> None:
+    """Write the bytes of a PNG under a temporary name beside ``path``, then rename it; missing folders are created.
+
+    Raises:
+        OutputError: the file cannot be written; what was there before is untouched.
+    """
+    unfinished = path.with_name(f".{path.name}.unfinished")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished.write_bytes(png)
+        os.replace(unfinished, path)
+    except OSError as exc:
+        with suppress(OSError):
+            unfinished.unlink()
+        raise OutputError(f"{path}: cannot write the picture ({exc.strerror}); choose another place for it") from exc
