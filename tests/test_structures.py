@@ -57,10 +57,10 @@ def test_good_fields_are_kept_as_they_are():
         pytest.param(_with("xyxy", -_fields()["xyxy"]), "zero or negative size", id="negative-size"),
         pytest.param(
             _with("descriptors", np.ones((2, 4), np.float32)),
-            r"descriptors: expected \(3, N\) float32",
+            r"descriptors: expected \(3, D\) float32",
             id="looks-rows",
         ),
-        pytest.param(_with("descriptors", np.eye(3)), r"descriptors: expected \(3, N\) float32", id="looks-dtype"),
+        pytest.param(_with("descriptors", np.eye(3)), r"descriptors: expected \(3, D\) float32", id="looks-dtype"),
         pytest.param(_with("descriptors", np.ones((3, 4), np.float32)), "unit length", id="looks-length"),
         pytest.param(_with("descriptors", np.full((3, 4), np.nan, np.float32)), "unit length", id="looks-nan"),
     ],

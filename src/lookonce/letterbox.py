@@ -32,6 +32,13 @@ class Fit:
     scaled: tuple[int, int]
     offset: tuple[int, int]
 
+    def to_network(self, xyxy: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Boxes ``xyxy (N, 4)`` in px of the source picture as px of the network's input; the way back."""
+        top, left = self.offset
+        vertical, horizontal = (t / s for s, t in zip(self.source, self.scaled, strict=True))
+        factor = np.array([horizontal, vertical, horizontal, vertical], np.float32)
+        return xyxy * factor + np.array([left, top, left, top], np.float32)
+
     def to_source(self, xyxy: NDArray[np.float32]) -> NDArray[np.float32]:
         """Boxes ``xyxy (N, 4)`` in px of the network's input as px of the source picture; a copy, not clipped."""
         top, left = self.offset

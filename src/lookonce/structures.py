@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_ID", "Detections", "Track", "Tracks", "class_name"]
+__all__ = ["NO_ID", "Detections", "Track", "Tracks", "check_array", "check_boxes", "check_finite", "class_name"]
 
 NO_ID = -1
 """The id of a row that has no identity (yet)."""
@@ -26,8 +26,8 @@ def class_name(names: Sequence[str], label: int) -> str:
 _UNIT_LENGTH_TOLERANCE = 1e-3  # float16 storage of a unit vector stays within this
 
 
-def _check(name: str, array: object, shape: tuple[int | None, ...], dtype: type) -> None:
-    """Raise ``ValueError`` unless ``array`` has that shape (None = any) and dtype."""
+def check_array(name: str, array: object, shape: tuple[int | None, ...], dtype: type) -> None:
+    """Raise ``ValueError`` unless ``array`` has that shape (one or two sizes, None = any) and dtype."""
     if (
         isinstance(array, np.ndarray)
         and array.dtype == dtype
@@ -35,15 +35,24 @@ def _check(name: str, array: object, shape: tuple[int | None, ...], dtype: type)
         and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
     ):
         return
-    letters = ", ".join("N" if n is None else str(n) for n in shape)
+    letters = ", ".join(letter if n is None else str(n) for letter, n in zip("ND", shape, strict=False))
     comma = "," if len(shape) == 1 else ""
     got = f"{array.shape} {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
     raise ValueError(f"{name}: expected ({letters}{comma}) {np.dtype(dtype).name}, got {got}")
 
 
-def _check_finite(name: str, array: NDArray[np.float32]) -> None:
+def check_finite(name: str, array: NDArray[np.floating]) -> None:
+    """Raise ``ValueError`` for NaN or infinity."""
     if not np.isfinite(array).all():
         raise ValueError(f"{name}: expected finite numbers, got NaN or infinity")
+
+
+def check_boxes(name: str, xyxy: NDArray[np.float32]) -> None:
+    """Raise ``ValueError`` unless ``xyxy`` is (N, 4) float32, finite, left < right and top < bottom."""
+    check_array(name, xyxy, (None, 4), np.float32)
+    check_finite(name, xyxy)
+    if (xyxy[:, 2:] <= xyxy[:, :2]).any():
+        raise ValueError(f"{name}: expected left < right and top < bottom, got a box of zero or negative size")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,20 +76,17 @@ class Detections:
     descriptors: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        _check("xyxy", self.xyxy, (None, 4), np.float32)
+        check_boxes("xyxy", self.xyxy)
         count = len(self.xyxy)
-        _check("scores", self.scores, (count,), np.float32)
-        _check("labels", self.labels, (count,), np.int64)
-        _check_finite("xyxy", self.xyxy)
-        _check_finite("scores", self.scores)
-        if (self.xyxy[:, 2:] <= self.xyxy[:, :2]).any():
-            raise ValueError("xyxy: expected left < right and top < bottom, got a box of zero or negative size")
+        check_array("scores", self.scores, (count,), np.float32)
+        check_array("labels", self.labels, (count,), np.int64)
+        check_finite("scores", self.scores)
         if self.descriptors is not None:
             self._check_descriptors(self.descriptors, count)
 
     @staticmethod
     def _check_descriptors(descriptors: NDArray[np.float32], count: int) -> None:
-        _check("descriptors", descriptors, (count, None), np.float32)
+        check_array("descriptors", descriptors, (count, None), np.float32)
         squared = np.einsum("nd,nd->n", descriptors, descriptors)
         # One comparison also refuses NaN and infinity.
         if not ((np.abs(squared - 1) <= 2 * _UNIT_LENGTH_TOLERANCE) | (squared == 0)).all():

@@ -9,7 +9,7 @@ import pytest
 from datasets.making import refusal, write, write_mot, write_picture, write_pictures
 from lookonce import open_video
 from lookonce.datasets import open_sequences
-from lookonce.errors import FormatError, VideoError
+from lookonce.errors import FormatError, LookonceError, VideoError
 
 ROW = "1,7,10,5,20,10"
 
@@ -193,7 +193,7 @@ def test_bad_file_beside_the_truth_is_named(tmp_path, name, content, message):
     folder = write_mot(tmp_path / "a", ROW)
     (folder / "link").symlink_to(tmp_path / "b")
     write(folder / name, content)
-    assert message in refusal(FormatError, partial(open_sequences, folder))
+    assert message in refusal(LookonceError, partial(open_sequences, folder))
 
 
 @pytest.mark.parametrize("number", ["0", "3", "-1", "1.5"])

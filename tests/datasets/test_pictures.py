@@ -8,10 +8,9 @@ import zlib
 import pytest
 from PIL import Image
 
-from datasets.making import refusal, write, write_picture, write_pictures
+from datasets.making import refusal, write, write_picture
 from lookonce import open_video
 from lookonce.datasets import picture_size
-from lookonce.datasets.pictures import frame_indices, pictures_in
 from lookonce.errors import FormatError
 
 
@@ -22,7 +21,7 @@ def _with_orientation(path, orientation):
 
 
 @pytest.mark.parametrize("orientation", [1, 3, 5, 6, 8])
-@pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif"])
 def test_size_is_that_of_the_frame_that_open_video_shows(tmp_path, suffix, orientation):
     path = _with_orientation(tmp_path / f"a.{suffix}", orientation)
     assert picture_size(path) == open_video(path).size == ((64, 48) if orientation > 4 else (48, 64))
@@ -32,11 +31,6 @@ def test_size_is_that_of_the_frame_that_open_video_shows(tmp_path, suffix, orien
 def test_size_of_a_picture_without_exif_is_that_of_its_frame(tmp_path, suffix):
     path = write_picture(tmp_path / f"a.{suffix}")
     assert picture_size(path) == open_video(path).size == (48, 64)
-
-
-@pytest.mark.parametrize(("orientation", "size"), [(1, (48, 64)), (6, (64, 48))])
-def test_tiff_is_turned_whatever_pillow_makes_of_it(tmp_path, orientation, size):
-    assert picture_size(_with_orientation(tmp_path / "a.tif", orientation)) == size
 
 
 def test_damaged_exif_does_not_hide_the_size(tmp_path):
@@ -75,27 +69,3 @@ def test_allowed_size_that_pillow_warns_of_gives_no_warning(tmp_path):
     header = b"IHDR" + struct.pack(">IIBBBBB", 10_000, 10_000, 8, 2, 0, 0, 0)
     data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
     assert picture_size(write(tmp_path / "a.png", data + b"\0\0\0\0IDAT\0\0\0\0")) == (10_000, 10_000)
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        pytest.param(["000001.png", "000002.png", "000005.png"], id="mot-with-a-gap"),
-        pytest.param(["img00003.png", "img00004.png"], id="ua-detrac"),
-        pytest.param(["000000.png", "000001.png", "000003.png"], id="from-zero"),
-        pytest.param(["shot_5.png", "shot_7.png", "shot_10.png"], id="other-names"),
-        pytest.param(["000001.bmp", "000001.png", "000002.png"], id="same-number-twice"),
-        pytest.param(["1403636579763.png", "1403636579813.png"], id="time-stamps"),
-        pytest.param(["000007.png"], id="one"),
-    ],
-)
-def test_frames_are_numbered_as_open_video_numbers_them(tmp_path, names):
-    paths = pictures_in(write_pictures(tmp_path / "s", names))
-    assert frame_indices(paths) == [frame.index for frame in open_video(tmp_path / "s")]
-
-
-def test_hidden_files_and_other_files_are_no_pictures(tmp_path):
-    write_pictures(tmp_path, ["b.png", ".a.png"])
-    write(tmp_path / "gt.txt", "1")
-    assert [path.name for path in pictures_in(tmp_path)] == ["b.png"]
-    assert pictures_in(tmp_path / "none") == []

@@ -263,4 +263,4 @@ def test_memory_does_not_grow_with_the_stream():
         tracker.update(make_detections(at_angle(angle * 61, angle * 61 + 120)))
     objects = tracker._rule._objects
     assert objects is not None
-    assert len(objects.ids) == len(objects.newest) == len(objects.reference) == 2
+    assert len(objects.ids) == len(objects.newest) == len(objects.references.units) == 2

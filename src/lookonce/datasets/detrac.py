@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from lookonce.datasets.detrac_xml import ROW_LENGTH, read_annotation
 from lookonce.datasets.folders import folders_below
-from lookonce.datasets.pictures import pictures_in
 from lookonce.datasets.text import fault
 from lookonce.datasets.truth import Rows, Truth, checked_boxes
+from lookonce.video.images import pictures_in
 
 __all__ = ["PicturePlaces", "annotation_files", "read_detrac"]
 

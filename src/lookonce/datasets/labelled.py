@@ -6,37 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.structures import check_array, check_boxes, check_finite
+
 __all__ = ["LAYOUTS", "LabelledFrame", "LabelledObjects", "LabelledSequence", "LabelledStills"]
 
 LAYOUTS = ("motchallenge", "ua-detrac", "kitti", "cvat")
-
-
-def _check(name: str, array: NDArray[Any], shape: tuple[int | None, ...], dtype: type) -> None:
-    """Raise ``ValueError`` unless ``array`` has that shape (None = any) and dtype and is finite."""
-    fits = (
-        isinstance(array, np.ndarray)
-        and array.dtype == dtype
-        and array.ndim == len(shape)
-        and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
-    )
-    if not fits:
-        letters = ", ".join("N" if n is None else str(n) for n in shape)
-        comma = "," if len(shape) == 1 else ""
-        got = f"{array.shape} {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
-        raise ValueError(f"{name}: expected ({letters}{comma}) {np.dtype(dtype).name}, got {got}")
-    if dtype is np.float32 and not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected finite numbers, got NaN or infinity")
-
-
-def _check_boxes(name: str, xyxy: NDArray[np.float32]) -> None:
-    _check(name, xyxy, (None, 4), np.float32)
-    if (xyxy[:, 2:] <= xyxy[:, :2]).any():
-        raise ValueError(f"{name}: expected left < right and top < bottom, got a box of zero or negative size")
 
 
 def _check_labels(labels: list[NDArray[np.int64]], classes: tuple[str, ...]) -> None:
@@ -70,11 +48,12 @@ class LabelledObjects:
     visibility: NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        _check_boxes("xyxy", self.xyxy)
+        check_boxes("xyxy", self.xyxy)
         count = len(self.xyxy)
-        _check("identities", self.identities, (count,), np.int64)
-        _check("labels", self.labels, (count,), np.int64)
-        _check("visibility", self.visibility, (count,), np.float32)
+        check_array("identities", self.identities, (count,), np.int64)
+        check_array("labels", self.labels, (count,), np.int64)
+        check_array("visibility", self.visibility, (count,), np.float32)
+        check_finite("visibility", self.visibility)
         for name, numbers in (("identities", self.identities), ("labels", self.labels)):
             if count and numbers.min() < 0:
                 raise ValueError(f"{name}: expected 0 or more, got {numbers.min()}")
@@ -146,7 +125,7 @@ class LabelledSequence:
         indices = np.array([frame.index for frame in self.frames], np.int64)
         if (np.diff(indices) <= 0).any():
             raise ValueError("frames: expected each index once and in rising order")
-        _check_boxes("ignored", self.ignored)
+        check_boxes("ignored", self.ignored)
         _check_labels([frame.objects.labels for frame in self.frames], self.classes)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import configparser
 import re
 from collections import Counter
 from pathlib import Path
@@ -11,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.datasets.class_names import read_class_names
-from lookonce.datasets.pictures import pictures_in
-from lookonce.datasets.text import Table, fault, quoted, read_table, read_text, whole
+from lookonce.datasets.text import Table, fault, quoted, read_table, whole
 from lookonce.datasets.truth import NO_IDENTITY, Rows, Stated, Truth, checked_boxes
-from lookonce.video.opening import one_line
+from lookonce.video.images import image_folder, pictures_in, sequence_info
 
 __all__ = ["is_motchallenge", "read_motchallenge"]
 
@@ -40,7 +38,6 @@ _BENCHMARK_CLASSES = (
 )
 _STATIC_PERSON = 7
 _BENCHMARK = re.compile(r"MOT(16|17|20)-\d", re.IGNORECASE)
-_INFO_BYTES = 1_000_000
 
 
 def is_motchallenge(folder: Path) -> bool:
@@ -62,9 +59,10 @@ def read_motchallenge(folder: Path, pictures: Path | None) -> Truth:
 
     Raises:
         FormatError: a file in it breaks its format.
+        VideoError: ``seqinfo.ini`` cannot be understood, or names a folder outside.
     """
     path = folder / "gt" / "gt.txt"
-    info_path, info = folder / "seqinfo.ini", _sequence_info(folder / "seqinfo.ini")
+    info_path, info = folder / "seqinfo.ini", sequence_info(folder / "seqinfo.ini")
     table = read_table(path, _COLUMNS)
     _check_numbers(table)
     name = folder.resolve().name
@@ -189,19 +187,6 @@ def _ignored(path: Path) -> NDArray[np.float32]:
     return checked_boxes(path, np.hstack([ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]]), table.lines)
 
 
-def _sequence_info(path: Path) -> dict[str, str]:
-    """The [Sequence] section of ``seqinfo.ini``, keys in lower case; empty without one."""
-    if not path.is_file():
-        return {}
-    parser = configparser.ConfigParser(interpolation=None, strict=False)
-    try:
-        parser.read_string(read_text(path, _INFO_BYTES))
-    except configparser.Error as exc:
-        line = getattr(exc, "lineno", None) or 0
-        raise fault(path, line, "expected [Sequence] and lines of key=value; mend or remove it") from exc
-    return dict(parser["Sequence"]) if parser.has_section("Sequence") else {}
-
-
 def _positive(path: Path, info: dict[str, str], key: str) -> float | None:
     text = info.get(key, "").strip()
     if not text:
@@ -217,8 +202,7 @@ def _stated_size(path: Path, info: dict[str, str]) -> Stated | None:
 
 
 def _pictures(folder: Path, info: dict[str, str]) -> Path:
-    stated = info.get("imdir", "").strip()
-    images = folder / (stated or "img1")
-    if stated and not images.resolve().is_relative_to(folder.resolve()):
-        raise fault(folder / "seqinfo.ini", 0, f"imDir {one_line(stated)} lies outside the folder; mend it")
-    return folder if not stated and not images.exists() and pictures_in(folder) else images
+    if stated := info.get("imdir"):
+        return image_folder(folder, stated)
+    images = folder / "img1"
+    return folder if not images.exists() and pictures_in(folder) else images

@@ -1,28 +1,22 @@
-"""Picture files: their size from the header, and which frame each of a folder is."""
+"""The size of a picture file, from its header."""
 
 from __future__ import annotations
 
-import re
 import struct
 import warnings
-from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 from PIL import Image
 
 from lookonce.datasets.text import fault
-from lookonce.errors import VideoError
-from lookonce.video.images import is_image, natural_order
-from lookonce.video.opening import MAX_PIXELS, one_line
+from lookonce.video.opening import MAX_PIXELS
 
-__all__ = ["frame_indices", "picture_size", "pictures_in"]
+__all__ = ["picture_size"]
 
 _FORMATS = ("JPEG", "PNG", "BMP", "WEBP", "TIFF", "PPM")  # what lookonce.open_video reads
 _ORIENTATION = 0x0112  # EXIF tag
 _TURNED = range(5, 9)  # the orientations that swap height and width
 _WIDTH, _HEIGHT = 256, 257  # TIFF tags
-_NUMBERED = re.compile(r"(?:img)?(\d{1,9})", re.IGNORECASE)
 # What Pillow raises for damaged files, by its plugins.
 _DAMAGED = (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, SyntaxError, OverflowError, EOFError)
 
@@ -73,35 +67,3 @@ def _orientation(image: Image.Image) -> object:
         return exif.get(_ORIENTATION, 1)
     except (*_DAMAGED, struct.error):
         return 1
-
-
-def pictures_in(folder: Path) -> list[Path]:
-    """The pictures of a folder in natural order, hidden ones left out; empty where there is no folder.
-
-    Raises:
-        VideoError: the folder cannot be listed.
-    """
-    if not folder.is_dir():
-        return []
-    try:
-        return natural_order(path for path in folder.iterdir() if is_image(path) and not path.name.startswith("."))
-    except OSError as exc:
-        raise VideoError(f"{one_line(folder)}: cannot be listed ({exc.strerror}); check its permissions") from exc
-
-
-def frame_indices(paths: Sequence[Path]) -> list[int]:
-    """Frame numbers from 0 as ``lookonce.open_video`` gives them to the pictures of a folder.
-
-    Args:
-        paths: the pictures in natural order. Names that are all running numbers (``000001.jpg``, ``img00001.jpg``) keep
-            their numbers, from 0 if there is a 0 and else from 1; other names count by position.
-
-    >>> frame_indices([Path("000001.jpg"), Path("000003.jpg")]), frame_indices([Path("a.jpg"), Path("b.jpg")])
-    ([0, 2], [0, 1])
-    """
-    matches = [_NUMBERED.fullmatch(path.stem) for path in paths]
-    numbers = [int(match[1]) for match in matches if match]
-    if len(numbers) < len(paths) or any(b <= a for a, b in pairwise(numbers)) or len(paths) < 2:
-        return list(range(len(paths)))
-    start = 0 if numbers[0] == 0 else 1
-    return [number - start for number in numbers]

@@ -14,10 +14,11 @@ from lookonce.boxes import clip
 from lookonce.datasets.class_names import read_class_names, unite
 from lookonce.datasets.folders import folders_below
 from lookonce.datasets.labelled import LabelledObjects, LabelledStills
-from lookonce.datasets.pictures import picture_size, pictures_in
+from lookonce.datasets.pictures import picture_size
 from lookonce.datasets.text import LARGEST_WHOLE, fault, quoted, read_text
 from lookonce.datasets.truth import OUTSIDE, checked_boxes
 from lookonce.errors import ConfigError
+from lookonce.video.images import pictures_in
 from lookonce.video.opening import one_line
 
 __all__ = ["open_stills"]

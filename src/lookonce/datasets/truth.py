@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from lookonce.boxes import clip
 from lookonce.datasets.labelled import LabelledFrame, LabelledObjects, LabelledSequence
-from lookonce.datasets.pictures import frame_indices, picture_size, pictures_in
+from lookonce.datasets.pictures import picture_size
 from lookonce.datasets.text import fault
 from lookonce.errors import ConfigError, VideoError
 from lookonce.video import open_video
+from lookonce.video.images import frame_indices, pictures_in
 from lookonce.video.opening import one_line
 
 __all__ = [

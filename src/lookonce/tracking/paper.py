@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.distances import SCALE, Quantized, quantize, squared_distances
 from lookonce.errors import ConfigError
 from lookonce.structures import NO_ID, Detections, Tracks
-from lookonce.tracking.distance import SCALE, quantize, squared_distances, squared_lengths
 from lookonce.tracking.greedy import assign_greedily
 
 __all__ = ["PaperConfig", "PaperRule"]
@@ -43,17 +43,16 @@ class _Objects:
     Attributes:
         ids: (P,) int64.
         seen: (P,) int64, how many descriptors each has had, counted up to 3.
-        newest, second: (P, D) quantized, the last two descriptors; the second is valid where ``seen`` is 2 or more.
-        reference: (P, D) quantized, what the next frame is compared with.
-        lengths: (P,) squared lengths of the references.
+        newest, second: (P, D) in quantized units, the last two descriptors; the second is valid where ``seen`` is 2 or
+            more.
+        references: P rows, what the next frame is compared with.
     """
 
     ids: NDArray[np.int64]
     seen: NDArray[np.int64]
     newest: NDArray[np.float64]
     second: NDArray[np.float64]
-    reference: NDArray[np.float64]
-    lengths: NDArray[np.float64]
+    references: Quantized
 
 
 class PaperRule:
@@ -79,28 +78,27 @@ class PaperRule:
         if detections.descriptors is None:
             raise ValueError("preset 'paper' matches descriptors; these detections have none (descriptors=None)")
         quantized = quantize(detections.descriptors)
-        lengths = squared_lengths(quantized)
-        if np.count_nonzero(lengths) == len(lengths):
-            ids = self._identify(quantized, lengths)
+        has_descriptor = quantized.squared_lengths > 0
+        if has_descriptor.all():
+            ids = self._identify(quantized)
         else:
             ids = np.full(len(detections), NO_ID, np.int64)
-            has_descriptor = lengths > 0
-            ids[has_descriptor] = self._identify(quantized[has_descriptor], lengths[has_descriptor])
+            ids[has_descriptor] = self._identify(quantized.part(has_descriptor))
         return Tracks(ids, detections.xyxy, detections.scores, detections.labels, _NO_IDS, _NO_BOXES)
 
-    def _identify(self, quantized: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Ids (N,) of descriptors (N, D); they become the previous frame."""
+    def _identify(self, descriptors: Quantized) -> NDArray[np.int64]:
+        """Ids (N,) of N descriptors; they become the previous frame."""
         before = self._objects
-        count = len(quantized)
+        units = descriptors.units
+        count = len(units)
         if before is None or not (count and len(before.ids)):
             first = self._new_ids(count)
-            self._objects = _Objects(first, np.ones(count, np.int64), quantized, quantized, quantized, lengths)
+            self._objects = _Objects(first, np.ones(count, np.int64), units, units, descriptors)
             return first
-        if quantized.shape[1] != before.reference.shape[1]:
-            raise ValueError(
-                f"descriptors: expected {before.reference.shape[1]} values as before, got {quantized.shape[1]}"
-            )
-        squared = squared_distances(before.reference, quantized, before.lengths, lengths)
+        size = before.newest.shape[1]
+        if units.shape[1] != size:
+            raise ValueError(f"descriptors: expected {size} values as before, got {units.shape[1]}")
+        squared = squared_distances(before.references, descriptors)
         by_id = before.ids.argsort()  # of equal distances the lowest id wins
         object_of = assign_greedily(squared[by_id], self._limit)
         is_known = object_of >= 0
@@ -111,8 +109,7 @@ class PaperRule:
             ids[~is_known] = self._new_ids(new)
         seen = np.where(is_known, np.minimum(before.seen[object_of] + 1, 3), 1)
         second, third = before.newest[object_of], before.second[object_of]
-        reference, lengths = _references(seen, quantized, second, third, lengths)
-        self._objects = _Objects(ids, seen, quantized, second, reference, lengths)
+        self._objects = _Objects(ids, seen, units, second, _references(seen, descriptors, second, third))
         return ids
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
@@ -123,25 +120,20 @@ class PaperRule:
 
 def _references(
     seen: NDArray[np.int64],
-    newest: NDArray[np.float64],
+    newest: Quantized,
     second: NDArray[np.float64],
     third: NDArray[np.float64],
-    lengths: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the next frame is compared with, (P, D), and its squared lengths (P,): the median of three, or the newest.
-
-    ``lengths`` are those of ``newest``.
-    """
+) -> Quantized:
+    """What the next frame is compared with, P rows: the median of three, or the newest."""
     has_three = seen == 3
     count = np.count_nonzero(has_three)
     if count == 0:
-        return newest, lengths
+        return newest
     if count == len(seen):
-        medians = _median_of_three(newest, second, third)
-        return medians, squared_lengths(medians)
-    reference = newest.copy()
-    reference[has_three] = _median_of_three(newest[has_three], second[has_three], third[has_three])
-    return reference, squared_lengths(reference)
+        return Quantized.of(_median_of_three(newest.units, second, third))
+    units = newest.units.copy()
+    units[has_three] = _median_of_three(units[has_three], second[has_three], third[has_three])
+    return Quantized.of(units)
 
 
 def _median_of_three(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,11 +17,23 @@ from lookonce.video.opening import MAX_PIXELS, explain, one_line
 from lookonce.video.orientation import orient
 from lookonce.video.selection import Selection
 from lookonce.video.source import Findings, Frames, VideoSource
+from lookonce.video.tiff import only_pixels
 
-__all__ = ["IMAGE_SUFFIXES", "folder_source", "is_image", "natural_order", "pictures_source"]
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "folder_source",
+    "frame_indices",
+    "image_folder",
+    "is_image",
+    "natural_order",
+    "pictures_in",
+    "pictures_source",
+    "sequence_info",
+]
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm"})
 _DEFAULT_RATE = 25.0  # frames per second of a folder that names no rate; UA-DETRAC's
+_MAX_INFO_BYTES = 1_000_000
 _MAX_NAMED = 20  # damaged pictures that get a line of their own
 # MOTChallenge (000001.jpg) and UA-DETRAC (img00001.jpg). More digits than this are a time stamp, not a frame number.
 _NUMBERED = re.compile(r"(?:img)?(\d{1,9})", re.IGNORECASE)
@@ -36,6 +48,7 @@ _DECODERS = (
     (b"P5", "pgm"),
     (b"P6", "ppm"),
 )
+_REFUSE_DAMAGE = {"err_detect": "explode"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +85,14 @@ def folder_source(folder: Path, selection: Selection, rate: float | None) -> Vid
     Raises:
         VideoError: it holds no pictures, or none can be decoded.
     """
-    paths = _pictures_in(folder)
-    images, info = folder, _sequence_info(folder / "seqinfo.ini")
+    paths = pictures_in(folder)
+    images, info = folder, sequence_info(folder / "seqinfo.ini")
     if not paths:
-        images = _image_folder(folder, info.get("imdir", "img1"))
-        paths = _pictures_in(images)
-    elif not info and _sequence_info(folder.parent / "seqinfo.ini").get("imdir", "img1") == folder.name:
-        info = _sequence_info(folder.parent / "seqinfo.ini")
+        images = image_folder(folder, info.get("imdir") or "img1")
+        paths = pictures_in(images)
+    elif not info:
+        above = sequence_info(folder.parent / "seqinfo.ini")
+        info = above if (above.get("imdir") or "img1") == folder.name else {}
     if not paths:
         kinds = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
         raise VideoError(f"{one_line(folder)}: no pictures in this folder; expected {kinds}, or a folder img1 of them")
@@ -89,7 +103,12 @@ def folder_source(folder: Path, selection: Selection, rate: float | None) -> Vid
     )
 
 
-def _pictures_in(folder: Path) -> list[Path]:
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder in natural order, hidden ones left out; empty where there is no folder.
+
+    Raises:
+        VideoError: the folder cannot be listed.
+    """
     if not folder.is_dir():
         return []
     try:
@@ -98,19 +117,36 @@ def _pictures_in(folder: Path) -> list[Path]:
         raise VideoError(f"{one_line(folder)}: cannot be listed: {explain(exc)}; check its permissions") from exc
 
 
-def _sequence_info(path: Path) -> dict[str, str]:
-    """The [Sequence] section of a MOTChallenge ``seqinfo.ini``, keys in lower case; empty without one."""
+def sequence_info(path: Path) -> dict[str, str]:
+    """The [Sequence] section of a MOTChallenge ``seqinfo.ini``, keys in lower case; empty without one.
+
+    Raises:
+        VideoError: it cannot be read or understood.
+    """
     if not path.is_file():
         return {}
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
-        parser.read_string(path.read_text(encoding="utf-8-sig", errors="replace"))
+        with path.open("rb") as file:
+            data = file.read(_MAX_INFO_BYTES + 1)
+        if len(data) > _MAX_INFO_BYTES:
+            raise VideoError(f"{one_line(path)}: larger than {_MAX_INFO_BYTES // 1000} kB; mend or remove it")
+        parser.read_string(data.decode("utf-8-sig", errors="replace"))
+    except OSError as exc:
+        raise VideoError(f"{one_line(path)}: cannot be read: {explain(exc)}; check its permissions") from exc
     except configparser.Error as exc:
-        raise VideoError(f"{one_line(path)}: cannot be understood: {one_line(exc)}; mend or remove it") from exc
+        line = getattr(exc, "lineno", 0)
+        where = f"{one_line(path)}:{line}" if line else one_line(path)
+        raise VideoError(f"{where}: expected [Sequence] and lines of key=value; mend or remove it") from exc
     return dict(parser["Sequence"]) if parser.has_section("Sequence") else {}
 
 
-def _image_folder(folder: Path, name: str) -> Path:
+def image_folder(folder: Path, name: str) -> Path:
+    """The folder ``name`` inside a sequence's ``folder``, for which ``seqinfo.ini`` may give any text.
+
+    Raises:
+        VideoError: it lies outside the sequence, also by a link.
+    """
     images = folder / name
     if not images.resolve().is_relative_to(folder.resolve()):
         raise VideoError(f"{one_line(folder / 'seqinfo.ini')}: imDir {one_line(name)} lies outside the folder; mend it")
@@ -142,7 +178,7 @@ def pictures_source(
     rate = _DEFAULT_RATE if rate is None else rate
     if not 0 < rate < float("inf"):
         raise ConfigError(f"fps: expected frames per second > 0, got {rate}")
-    entries = [_Entry(index, index / rate, path) for index, path in zip(_indices(paths), paths, strict=True)]
+    entries = [_Entry(index, index / rate, path) for index, path in zip(frame_indices(paths), paths, strict=True)]
     wanted = list(selection.pick(entries))
     if not wanted:
         length_s = entries[-1].time_s + 1 / rate
@@ -151,10 +187,14 @@ def pictures_source(
     return VideoSource(lambda: _read(wanted, findings, shown), findings, name=name, frame_count=len(wanted), rate=rate)
 
 
-def _indices(paths: Sequence[Path]) -> list[int]:
-    """Frame numbers from 0: from the names where all are running numbers, else by position.
+def frame_indices(paths: Sequence[Path]) -> list[int]:
+    """Frame numbers from 0 of pictures in order: from the names where all are running numbers, else by position.
 
-    Numbered names keep their numbers even where pictures are missing, so that frames line up with the truth.
+    Numbered names keep their numbers even where pictures are missing, so that frames line up with the truth. They count
+    from 0 if there is a 0 and else from 1.
+
+    >>> frame_indices([Path("000001.jpg"), Path("000003.jpg")]), frame_indices([Path("a.jpg"), Path("b.jpg")])
+    ([0, 2], [0, 1])
     """
     matches = [_NUMBERED.fullmatch(path.stem) for path in paths]
     numbers = [int(match[1]) for match in matches if match]
@@ -184,15 +224,23 @@ def _read(entries: Sequence[_Entry], findings: Findings, shown: str) -> Frames:
 def _decode(path: Path) -> av.VideoFrame:
     """The file's picture in its own pixel format; raises for a damaged one, where FFmpeg would guess what is missing.
 
-    FFmpeg's decoders of JPEG, PNG and WebP report the EXIF orientation with the picture.
+    FFmpeg's decoders of JPEG, PNG, WebP and TIFF report the EXIF orientation with the picture.
     """
     data = path.read_bytes()
     codec = next((codec for magic, codec in _DECODERS if data.startswith(magic)), None)
     if codec is None:
         raise ValueError("unknown kind of file")
+    if codec != "tiff":
+        return _decode_data(data, codec, _REFUSE_DAMAGE)
+    pixels = only_pixels(data)
+    picture = _decode_data(pixels, codec, _REFUSE_DAMAGE)
+    return picture if pixels == data else _decode_data(data, codec, {})  # the same, with its orientation
+
+
+def _decode_data(data: bytes, codec: str, options: dict[str, str]) -> av.VideoFrame:
     context = av.CodecContext.create(codec, "r")
     assert isinstance(context, av.VideoCodecContext)  # all of _DECODERS are
-    context.options = {"err_detect": "explode", "max_pixels": str(MAX_PIXELS)}
+    context.options = {"max_pixels": str(MAX_PIXELS), **options}
     pictures = [*context.decode(av.Packet(data)), *context.decode(None)]
     if not pictures:
         raise ValueError("no picture in it")

@@ -1,4 +1,4 @@
-"""The same measures for parts of the pairs: by time apart, by change of size, by size."""
+"""The same measures for parts of the pairs: by time apart, by change of size, by size, by change of grid."""
 
 from __future__ import annotations
 
@@ -11,21 +11,27 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.evaluation.retrieval.objects import DescribedObjects
+from lookonce.evaluation.retrieval.objects import GRID_STEP, UNKNOWN_GRID, DescribedObjects
 from lookonce.evaluation.retrieval.pairs import MOST_PAIRS, count_pairs
 from lookonce.evaluation.retrieval.rates import equal_error_rate, rates_at, roc_auc
 
 __all__ = ["Aspect", "BreakdownBin", "break_down"]
 
-Aspect = Literal["time_gap", "size_change", "height"]
-"""What pairs are sorted by: seconds apart; ratio of sqrt(area), the larger over the smaller; the lower height in px."""
+Aspect = Literal["time_gap", "size_change", "height", "grid_change"]
+"""What pairs are sorted by.
+
+Seconds apart; ratio of sqrt(area), the larger over the smaller; the lower height in px; where the detector finds the
+two: at the same anchor of the same grid (0), at another anchor of it (1), in another grid (2).
+"""
 
 _EDGES: dict[Aspect, tuple[float, ...]] = {
     "time_gap": (1, 2, 5, 10, 30),
     "size_change": (1.1, 1.25, 1.5, 2),
     "height": (16, 32, 64, 128),
+    "grid_change": (1, 2),
 }
 _UNITS: dict[Aspect, str] = {"time_gap": " s", "size_change": " x", "height": " px"}
+_GRID_CHANGES = ("same grid and anchor", "same grid, other anchor", "other grid")
 _TICKS_PER_S = 1e6  # 3.0 - 2.0000000001 is a second: containers count in microseconds at the finest
 
 
@@ -73,7 +79,7 @@ def break_down(
         min_gap_frames: as for ``pair_distances``.
         max_gap_frames: the same.
         by: ``time_gap`` (limits at 1, 2, 5, 10, 30 s), ``size_change`` (1.1, 1.25, 1.5, 2) or ``height``, that of the
-            lower box of the pair (16, 32, 64, 128 px).
+            lower box of the pair (16, 32, 64, 128 px), or ``grid_change``, which needs the column ``grids``.
         match_threshold: distance below which a tracker takes two boxes for one object.
         most_pairs: as for ``pair_distances``, for all parts together.
 
@@ -82,6 +88,8 @@ def break_down(
     """
     if by not in _EDGES:
         raise ValueError(f"by: expected one of {', '.join(_EDGES)}, got {by}")
+    if by == "grid_change" and (objects.grids == UNKNOWN_GRID).any():
+        raise ValueError("grids: expected all to be known, got rows that are not")
     limits = np.array(_EDGES[by], np.float64)
     value_of = _VALUES[by]
 
@@ -116,6 +124,8 @@ def _ranges(by: Aspect) -> list[tuple[float, float]]:
 
 
 def _name(by: Aspect, lower: float, upper: float) -> str:
+    if by == "grid_change":
+        return _GRID_CHANGES[int(lower)]
     unit = _UNITS[by]
     if upper == math.inf:
         return f"{lower:g}{unit} and more"
@@ -146,8 +156,17 @@ def _lower_height(
     return np.minimum(objects.heights_px[queries], objects.heights_px[others]).astype(np.float64)
 
 
+def _change_of_grid(
+    objects: DescribedObjects, queries: NDArray[np.int64], others: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    before, after = objects.grids[queries], objects.grids[others]
+    change = np.where(before // GRID_STEP != after // GRID_STEP, 2, before != after)
+    return change.astype(np.float64)
+
+
 _VALUES: dict[Aspect, Callable[[DescribedObjects, NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]]] = {
     "time_gap": _seconds_apart,
     "size_change": _change_of_size,
     "height": _lower_height,
+    "grid_change": _change_of_grid,
 }

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DescribedObjects"]
+from lookonce.structures import check_array
+
+__all__ = ["GRID_STEP", "UNKNOWN_GRID", "DescribedObjects"]
+
+GRID_STEP = 1000
+"""Distance of two grids in the column ``grids``; anchors of a grid are fewer."""
+
+UNKNOWN_GRID = -1
+"""In the column ``grids``: nobody said which."""
 
 _UNIT_LENGTH_TOLERANCE = 1e-3  # float16 storage of a unit vector stays within this
 _LAST_FRAME = 2**31 - 1  # clocks of many sequences laid end to end stay below 2^63
@@ -25,6 +33,8 @@ class DescribedObjects:
         times_s: (N,) float64, time of the frame within the sequence.
         heights_px: (N,) float32, box height in px of the picture, above 0.
         widths_px: (N,) float32, box width in px of the picture, above 0.
+        grids: (N,) int64, where the detector finds it: ``GRID_STEP`` times the output grid, plus the anchor;
+            ``UNKNOWN_GRID`` = not known, which is what all rows become where the column is left out.
 
     Raises:
         ValueError: a field has another shape, dtype, row count or range, or is not finite.
@@ -37,10 +47,13 @@ class DescribedObjects:
     times_s: NDArray[np.float64]
     heights_px: NDArray[np.float32]
     widths_px: NDArray[np.float32]
+    grids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
-        _check("descriptors", self.descriptors, (None, None), np.float32)
+        check_array("descriptors", self.descriptors, (None, None), np.float32)
         count = len(self.descriptors)
+        if not len(self.grids):
+            object.__setattr__(self, "grids", np.full(count, UNKNOWN_GRID, np.int64))
         for name, dtype in (
             ("identities", np.int64),
             ("sequences", np.int64),
@@ -48,8 +61,9 @@ class DescribedObjects:
             ("times_s", np.float64),
             ("heights_px", np.float32),
             ("widths_px", np.float32),
+            ("grids", np.int64),
         ):
-            _check(name, getattr(self, name), (count,), dtype)
+            check_array(name, getattr(self, name), (count,), dtype)
         squared = np.einsum("nd,nd->n", self.descriptors, self.descriptors)
         # One comparison also refuses NaN and infinity; the same holds for the sizes below.
         if not (np.abs(squared - 1) <= 2 * _UNIT_LENGTH_TOLERANCE).all():
@@ -75,15 +89,5 @@ class DescribedObjects:
             self.times_s[rows],
             self.heights_px[rows],
             self.widths_px[rows],
+            self.grids[rows],
         )
-
-
-def _check(name: str, array: object, shape: tuple[int | None, ...], dtype: type) -> None:
-    """Raise ``ValueError`` unless ``array`` has that shape (None = any) and dtype."""
-    letters = ", ".join(letter if n is None else str(n) for letter, n in zip("ND", shape, strict=False))
-    expected = f"{name}: expected ({letters}{',' if len(shape) == 1 else ''}) {np.dtype(dtype).name}"
-    if not isinstance(array, np.ndarray):
-        raise ValueError(f"{expected}, got {type(array).__name__}")
-    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
-    if array.dtype != dtype or not fits:
-        raise ValueError(f"{expected}, got {array.shape} {array.dtype}")

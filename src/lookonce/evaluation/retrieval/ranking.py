@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.evaluation.retrieval.distances import distances, rounded
+from lookonce.distances import distances, quantize
 from lookonce.evaluation.retrieval.objects import DescribedObjects
 from lookonce.evaluation.retrieval.timeline import Timeline, check_gaps, spread_evenly
 
@@ -154,7 +154,7 @@ def rank_gallery(
     is_in = (objects.sequences == objects.sequences[query_row]) & (gaps >= min_gap_frames) & (gaps <= max_gap_frames)
     is_in[query_row] = False
     others = np.flatnonzero(is_in)
-    apart = distances(rounded(objects.descriptors[[query_row]]), rounded(objects.descriptors[others]))[0]
+    apart = distances(quantize(objects.descriptors[[query_row]]), quantize(objects.descriptors[others]))[0]
     order = np.argsort(apart, kind="stable")
     return others[order], apart[order]
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.evaluation.retrieval.distances import Rounded, distances, rounded
+from lookonce.distances import Quantized, distances, quantize
 from lookonce.evaluation.retrieval.objects import DescribedObjects
 
 __all__ = ["Pairs", "Timeline", "Windows", "check_gaps", "spread_evenly"]
@@ -48,7 +48,7 @@ class Timeline:
 
     rows: NDArray[np.int64]
     clock: NDArray[np.int64]
-    descriptors: Rounded
+    descriptors: Quantized
     longest_gap: int
 
     @classmethod
@@ -59,7 +59,7 @@ class Timeline:
         span = int(frames.max() - frames.min()) if len(frames) else 0
         _, sequence = np.unique(objects.sequences[rows], return_inverse=True)
         clock = sequence.astype(np.int64) * (2 * span + 1) + frames
-        return cls(rows, clock, rounded(objects.descriptors[rows]), span)
+        return cls(rows, clock, quantize(objects.descriptors[rows]), span)
 
     def __len__(self) -> int:
         return len(self.rows)

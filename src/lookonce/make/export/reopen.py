@@ -1,11 +1,11 @@
-"""Model files opened again: to read features, to describe given boxes, to carry other descriptors.
+"""Model files opened again: to read at given boxes, and to carry other descriptors.
 
 Nothing that leads to a detection is touched: descriptor heads are taken off and put on behind it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -22,78 +22,71 @@ from lookonce.make.export.model_file import DESCRIPTORS, declare_descriptors, sa
 from lookonce.model import ModelMetadata, describe_model
 from lookonce.model.session import open_session, run_session
 
-__all__ = ["BoxDescriber", "FeatureReader", "replace_descriptors"]
+__all__ = ["HeadWriter", "ReadingWriter", "RowReader", "open_describer", "replace_descriptors"]
 
+Rows = Mapping[str, NDArray[Any]]
 HeadWriter = Callable[[GraphWriter, SelectedDetections, Mapping[str, ir.Value]], ir.Value]
+ReadingWriter = Callable[[GraphWriter, SelectedDetections, Mapping[str, ir.Value]], Mapping[str, ir.Value]]
 
 
-class FeatureReader:
-    """Runs a model file's detector for its features.
+class RowReader:
+    """Reads a model file's graph at boxes that somebody else found.
 
     Args:
         path: a model file.
-        names: of the features to read, as its metadata offers them.
+        write: appends operators to the graph and names what is to be read; gets the rows of the detections, here
+            given from outside, and the features by name.
         provider: ``cpu`` or ``cuda``.
         threads: for one inference.
 
     Raises:
-        ModelError: the file is damaged or does not offer a feature.
+        ModelError: the file is damaged or lacks what it promises.
     """
 
-    def __init__(self, path: Path, names: Sequence[str], *, provider: str = "cpu", threads: int = 1) -> None:
+    def __init__(self, path: Path, write: ReadingWriter, *, provider: str = "cpu", threads: int = 1) -> None:
         self.path = path
-        self.names = list(names)
         self.metadata, model = _open(path)
-        values = _values(model)
-        missing = [name for name in names if name not in values]
-        if missing:
-            raise ModelError(f"{path}: has no feature {missing[0]}; make it again with 'lookonce import'")
-        model.graph.outputs[:] = [values[name] for name in names]
-        self._session = open_session(path, provider, threads, _content(model))
+        rows, features = _rows(path, model), _features(path, model, self.metadata)
+        given = {name: _given(name) for name in rows}
+        for name, row in rows.items():
+            ir.convenience.replace_all_uses_with(row, given[name])
+        g = GraphWriter(model.graph)
+        read = write(g, SelectedDetections(**given), features)
+        outputs = {name: g("Identity", value) for name, value in read.items()}  # it may be a given row, or read twice
+        self._outputs = {name: str(value.name) for name, value in outputs.items()}
+        model.graph.outputs[:] = list(outputs.values())
+        RemoveUnusedNodesPass()(model)
+        self._inputs = [name for name, value in given.items() if value.uses()]
+        model.graph.inputs[:] = [model.graph.inputs[0], *(given[name] for name in self._inputs)]
+        self._session = open_session(path, provider, threads, ir.to_proto(model).SerializeToString())
 
-    def __call__(self, canvases: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        """The maps (B, channels, rows, columns), in the order of ``names``, of pictures (B, H, W, 3) uint8 RGB."""
-        return run_session(self.path, self._session, {"images": canvases}, self.names)
+    def __call__(self, canvases: NDArray[np.uint8], rows: Rows) -> dict[str, NDArray[Any]]:
+        """What is read, by name, N rows each.
+
+        Args:
+            canvases: pictures (B, H, W, 3) uint8 RGB of the network's size.
+            rows: N values for each field of ``SelectedDetections`` that is read.
+        """
+        feed = {"images": canvases} | {f"given_{name}": rows[name] for name in self._inputs}
+        values = run_session(self.path, self._session, feed, list(self._outputs.values()))
+        return dict(zip(self._outputs, values, strict=True))
 
 
-class BoxDescriber:
-    """Describes boxes that somebody else found, with the descriptors of a model file.
-
-    Args:
-        path: a model file with descriptors.
-        provider: ``cpu`` or ``cuda``.
-        threads: for one inference.
+def open_describer(path: Path, *, provider: str = "cpu", threads: int = 1) -> RowReader:
+    """A reader of the model file's own ``descriptors`` (N, D) float32 at given boxes.
 
     Raises:
         ModelError: the file is damaged or has no descriptors.
     """
+    metadata, model = _open(path)
+    outputs = [value for value in model.graph.outputs if value.name == DESCRIPTORS]
+    if not outputs or metadata.descriptor is None:
+        raise ModelError(f"{path}: has no descriptors; train some with 'lookonce fit'")
 
-    def __init__(self, path: Path, *, provider: str = "cpu", threads: int = 1) -> None:
-        self.path = path
-        self.metadata, model = _open(path)
-        values = _values(model)
-        found = {field.name: values[f"{NAME_PREFIX}{field.name}"] for field in fields(SelectedDetections)}
-        outputs = [value for value in model.graph.outputs if value.name == DESCRIPTORS]
-        if not outputs:
-            raise ModelError(f"{path}: has no descriptors; train some with 'lookonce fit'")
-        model.graph.outputs[:] = outputs
-        given = {name: ir.Value(name=f"given_{name}", type=v.type, shape=v.shape) for name, v in found.items()}
-        for name, value in found.items():
-            ir.convenience.replace_all_uses_with(value, given[name])
-        RemoveUnusedNodesPass()(model)
-        self._inputs = [name for name, value in given.items() if value.uses()]
-        model.graph.inputs[:] = [model.graph.inputs[0], *(given[name] for name in self._inputs)]
-        self._session = open_session(path, provider, threads, _content(model))
+    def write(g: GraphWriter, _: SelectedDetections, __: Mapping[str, ir.Value]) -> Mapping[str, ir.Value]:
+        return {DESCRIPTORS: next(value for value in g.graph.outputs if value.name == DESCRIPTORS)}
 
-    def __call__(self, canvases: NDArray[np.uint8], rows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
-        """Descriptors (N, D) of unit length.
-
-        Args:
-            canvases: pictures (B, H, W, 3) uint8 RGB of the network's size.
-            rows: N values for each field of ``SelectedDetections`` (scores and labels may be left out).
-        """
-        feed = {"images": canvases} | {f"given_{name}": rows[name] for name in self._inputs}
-        return run_session(self.path, self._session, feed, [DESCRIPTORS])[0]
+    return RowReader(path, write, provider=provider, threads=threads)
 
 
 def replace_descriptors(path: Path, write_head: HeadWriter, metadata: ModelMetadata, output: Path) -> None:
@@ -110,41 +103,54 @@ def replace_descriptors(path: Path, write_head: HeadWriter, metadata: ModelMetad
         OutputError: the new one cannot be written.
     """
     assert metadata.descriptor is not None
-    _, model = _open(path)
+    described, model = _open(path)
     graph = model.graph
-    values = _values(model)
-    kept = {field.name: values[f"{NAME_PREFIX}{field.name}"] for field in fields(SelectedDetections)}
-    features = {feature.name: values[feature.name] for feature in metadata.features}
+    rows, features = _rows(path, model), _features(path, model, described)
     outputs = [value for value in graph.outputs if value.name != DESCRIPTORS]
-    graph.outputs[:] = [*outputs, *kept.values(), *features.values()]  # keep them, whoever read them so far
+    graph.outputs[:] = [*outputs, *rows.values(), *features.values()]  # keep them, whoever read them so far
     RemoveUnusedNodesPass()(model)
     graph.outputs[:] = outputs
     g = GraphWriter(graph)
-    declare_descriptors(g, write_head(g, SelectedDetections(**kept), features), metadata.descriptor.size)
+    declare_descriptors(g, write_head(g, SelectedDetections(**rows), features), metadata.descriptor.size)
     save_model(model, metadata, output)
 
 
 def _open(path: Path) -> tuple[ModelMetadata, ir.Model]:
     metadata = describe_model(path)  # refuses what is unsafe
     try:
-        return metadata, ir.load(path)
+        model = ir.load(path)
     except Exception as exc:
         raise ModelError(f"{path}: not an ONNX file, or damaged; make it again with 'lookonce import'") from exc
+    if not model.graph.inputs or model.graph.inputs[0].name != "images":
+        raise ModelError(f"{path}: its first input is not 'images'; make it again with 'lookonce import'")
+    return metadata, model
+
+
+def _given(field: str) -> ir.Value:
+    """An input in place of one field of ``SelectedDetections``."""
+    dtype = ir.DataType.FLOAT if field in ("boxes", "scores") else ir.DataType.INT64
+    shape = ir.Shape(["rows", 4] if field == "boxes" else ["rows"])
+    return ir.Value(name=f"given_{field}", type=ir.TensorType(dtype), shape=shape)
 
 
 def _values(model: ir.Model) -> dict[str, ir.Value]:
-    """The tensors of the graph by name, those of detections included.
-
-    Raises:
-        ModelError: it lacks one that the format promises.
-    """
-    values = {str(value.name): value for node in model.graph for value in node.outputs}
-    for field in fields(SelectedDetections):
-        if f"{NAME_PREFIX}{field.name}" not in values:
-            raise ModelError(f"the model file does not name {NAME_PREFIX}{field.name}; make it again")
-    return values
+    return {str(value.name): value for node in model.graph for value in node.outputs}
 
 
-def _content(model: ir.Model) -> bytes:
-    content: bytes = ir.to_proto(model).SerializeToString()
-    return content
+def _rows(path: Path, model: ir.Model) -> dict[str, ir.Value]:
+    """The tensors of the detections, by field of ``SelectedDetections``."""
+    values = _values(model)
+    names = {field.name: f"{NAME_PREFIX}{field.name}" for field in fields(SelectedDetections)}
+    missing = [name for name in names.values() if name not in values]
+    if missing:
+        raise ModelError(f"{path}: does not name {missing[0]}; make it again with 'lookonce import'")
+    return {field: values[name] for field, name in names.items()}
+
+
+def _features(path: Path, model: ir.Model, metadata: ModelMetadata) -> dict[str, ir.Value]:
+    values = _values(model)
+    missing = [feature.name for feature in metadata.features if feature.name not in values]
+    if missing or not metadata.features:
+        name = f"lacks the feature {missing[0]}" if missing else "names no features that descriptors could read"
+        raise ModelError(f"{path}: {name}; make it again with 'lookonce import'")
+    return {feature.name: values[feature.name] for feature in metadata.features}

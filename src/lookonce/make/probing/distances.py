@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lookonce.evaluation import PairDistances, equal_error_rate, rates_at
-from lookonce.make.probing.png_file import write_png
+from lookonce.make.probing.whole_file import write_whole
 
 __all__ = ["draw_distances"]
 
@@ -23,13 +23,14 @@ _DPI = 120
 _DRAWN_BINS = 128  # about five px each
 
 
-def draw_distances(path: Path, pairs: PairDistances, threshold: float) -> None:
+def draw_distances(path: Path, pairs: PairDistances, threshold: float, gaps: str = "") -> None:
     """Write a PNG of 1200 x 540 px: both distributions of distances, the match threshold, the equal error rate.
 
     Args:
         path: the file; an existing one is replaced.
         pairs: the distances; a kind of pair that is missing is drawn as nothing.
         threshold: distance below which a tracker takes two boxes for one object; NaN = none to draw.
+        gaps: how far apart the boxes of a pair lie, for people, such as ``0.5 to 30 s``; the pairs' frames by default.
 
     Raises:
         OutputError: the file cannot be written.
@@ -43,12 +44,12 @@ def draw_distances(path: Path, pairs: PairDistances, threshold: float) -> None:
     axes.set_ylim(bottom=0)
     axes.set_xlabel("Euclidean distance of two descriptors of unit length (0 = equal, 2 = opposite)")
     axes.set_ylabel("share of pairs per 0.1 of distance")
-    axes.set_title(_title(pairs), fontsize=11)
+    axes.set_title(_title(pairs, gaps), fontsize=11)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(loc="outside right upper", frameon=False, fontsize=9)  # within the axes it would hide something
     picture = io.BytesIO()
     figure.savefig(picture, format="png", metadata={"Software": None})  # the version would change the bytes
-    write_png(path, picture.getvalue())
+    write_whole(path, picture.getvalue())
 
 
 def _draw_kind(axes: Axes, counts: NDArray[np.int64], colour: str, hatch: str, line: str, name: str) -> None:
@@ -90,7 +91,7 @@ def _eer_label(rate: float, where: float) -> str:
     return f"equal error rate {rate:.1%} at {where:.2f}"
 
 
-def _title(pairs: PairDistances) -> str:
-    title = f"Distances of boxes {pairs.min_gap_frames} to {pairs.max_gap_frames} frames apart"
-    title += f", {pairs.identities} objects"
+def _title(pairs: PairDistances, gaps: str) -> str:
+    gaps = gaps or f"{pairs.min_gap_frames} to {pairs.max_gap_frames} frames"
+    title = f"Distances of boxes {gaps} apart, {pairs.identities} objects"
     return title if pairs.share == 1 else f"{title}, {pairs.share:.1%} of all pairs"

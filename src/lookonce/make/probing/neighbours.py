@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from lookonce.make.probing.png_file import write_png
+from lookonce.make.probing.whole_file import write_whole
 
 __all__ = ["Neighbourhood", "ShownObject", "draw_neighbours"]
 
@@ -76,7 +76,7 @@ def draw_neighbours(path: Path, rows: Sequence[Neighbourhood]) -> None:
     """
     picture = io.BytesIO()
     _sheet(rows).save(picture, format="PNG")
-    write_png(path, picture.getvalue())
+    write_whole(path, picture.getvalue())
 
 
 def _sheet(rows: Sequence[Neighbourhood]) -> Image.Image:

@@ -1,0 +1,166 @@
+"""`lookonce fit`."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lookonce.cli.stages import StageScreen
+from lookonce.config import read_settings
+from lookonce.datasets import open_sequences, open_stills
+from lookonce.errors import ConfigError, OutputError
+from lookonce.model import Model
+
+if TYPE_CHECKING:
+    from lookonce.make.training.config import FitConfig
+    from lookonce.make.training.fit import FitData
+
+__all__ = ["fit_command"]
+
+_EXAMPLES = """
+[bold]Examples[/bold]
+
+  lookonce fit MOT17/train -m model.onnx -o model+id.onnx              (MOTChallenge, UA-DETRAC, KITTI, CVAT)
+
+  lookonce fit --stills pictures/ -m model.onnx -o model+id.onnx       (YOLO labels, or none: the detector looks)
+
+  lookonce fit --video street.mp4 --video shop.mp4 -m model.onnx -o model+id.onnx      (no labels at all)
+
+  lookonce fit seq1/ --stills pictures/ --video street.mp4 -m model.onnx -o model+id.onnx --config fit.toml --seed 1
+
+[bold]Afterwards[/bold]  lookonce probe model+id.onnx DATA tells how far the descriptors can be trusted.
+"""
+
+_SETTINGS = "Settings (also in a TOML file, by the same names)"
+
+
+def _setting(text: str) -> Any:
+    return typer.Option(help=text, rich_help_panel=_SETTINGS, show_default=False)
+
+
+def fit_command(
+    data: Annotated[
+        list[Path] | None, typer.Argument(metavar="[DATA...]", help="Labelled sequences, or folders of them.")
+    ] = None,
+    model: Annotated[Path, typer.Option("-m", "--model", help="Model file to start from.", show_default=False)] = ...,  # type: ignore[assignment]
+    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write.", show_default=False)] = ...,  # type: ignore[assignment]
+    stills: Annotated[
+        list[Path] | None, typer.Option(help="Folder of pictures with YOLO labels or none; may be repeated.")
+    ] = None,
+    video: Annotated[list[Path] | None, typer.Option(help="Unlabelled video; may be repeated.")] = None,
+    frames: Annotated[
+        Path | None, typer.Option(help="Video or folder with the pictures of DATA, where it is one sequence without.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="TOML file with settings; flags go before it.")] = None,
+    device: Annotated[str, typer.Option(help="Where to train: auto, cpu or cuda.")] = "auto",
+    threads: Annotated[int | None, typer.Option(help="Processors to use.", show_default="all", min=1)] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted run.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier model file and run.")] = False,
+    keep_features: Annotated[
+        bool, typer.Option("--keep-features", help="Leave the features on disk for the next run.")
+    ] = False,
+    tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Write TensorBoard logs too.")] = False,
+    kind: Annotated[str | None, _setting("compact, or paper (as published).")] = None,
+    seed: Annotated[int | None, _setting("Of every random choice [0].")] = None,
+    steps: Annotated[int | None, _setting("Optimizer steps at most [1000].")] = None,
+    views: Annotated[int | None, _setting("Transformed views of each still [3].")] = None,
+    collages: Annotated[int | None, _setting("Collages each object of a still is put into [5].")] = None,
+    sequence_frames: Annotated[int | None, _setting("Frames taken of a sequence or video at most [300].")] = None,
+    score: Annotated[float | None, _setting("Least confidence of detections that stand in for labels [0.4].")] = None,
+    held_out: Annotated[float | None, _setting("Share of identities kept for validation [0.1].")] = None,
+    identities: Annotated[int | None, _setting("Identities in a batch [160].")] = None,
+    rows: Annotated[int | None, _setting("Pictures of an identity in a batch [4].")] = None,
+    learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.003].")] = None,
+    weight_decay: Annotated[float | None, _setting("Of AdamW [0.001].")] = None,
+    temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
+    check_every: Annotated[int | None, _setting("Steps between two looks at validation [100].")] = None,
+    patience: Annotated[int | None, _setting("Looks without progress before it stops [5].")] = None,
+    cache_gb: Annotated[float | None, _setting("Disk space for features, 10^9 bytes [4].")] = None,
+) -> None:
+    """Train descriptors on a frozen detector: boxes stay the same to the byte, identities become tellable."""
+    given = {name: value for name, value in locals().items() if value is not None}
+    try:
+        from lookonce.make.training.config import FitConfig
+    except ModuleNotFoundError as exc:
+        raise ConfigError(
+            f"fit needs the extra 'train' ({exc.name} is missing); pip install 'lookonce[train]'"
+        ) from exc
+    known = {field.name for field in fields(FitConfig)}
+    from_file = read_settings(config, FitConfig) if config else {}
+    settings = FitConfig(**from_file | {name: value for name, value in given.items() if name in known})
+    if output.exists() and not (overwrite or resume):
+        raise OutputError(f"{output} exists; give --overwrite to replace it, or another name with -o")
+    _run(
+        _read_data(data or [], stills or [], video or [], frames),
+        settings,
+        model=model,
+        output=output,
+        device=device,
+        threads=threads,
+        resume=resume,
+        overwrite=overwrite,
+        keep_features=keep_features,
+        tensorboard=tensorboard,
+    )
+
+
+fit_command.__doc__ = f"{fit_command.__doc__}\n{_EXAMPLES}"
+
+
+def _read_data(data: list[Path], stills: list[Path], videos: list[Path], frames: Path | None) -> FitData:
+    from lookonce.make.training.fit import FitData
+
+    if not (data or stills or videos):
+        raise ConfigError("nothing to learn from; give labelled DATA, --stills or --video")
+    if frames is not None and len(data) != 1:
+        raise ConfigError(f"--frames belongs to one DATA, but there are {len(data)}")
+    missing = [path for path in videos if not path.exists()]
+    if missing:
+        raise ConfigError(f"{missing[0]}: no such video; check the path")
+    sequences = [sequence for path in data for sequence in open_sequences(path, pictures=frames)]
+    return FitData(tuple(sequences), tuple(open_stills(path) for path in stills), tuple(videos))
+
+
+def _run(
+    data: FitData,
+    settings: FitConfig,
+    *,
+    model: Path,
+    output: Path,
+    device: str,
+    threads: int | None,
+    resume: bool,
+    overwrite: bool,
+    keep_features: bool,
+    tensorboard: bool,
+) -> None:
+    from lookonce.make.training.fit import fit
+    from lookonce.make.training.record import fingerprint, open_run, write_curves_for_tensorboard, write_record
+
+    start = time.perf_counter()
+    folder = output.with_suffix(".fit")
+    identity: dict[str, object] = {
+        "model": {"file": model.name, "sha256": Model(model).sha256},
+        "data": fingerprint(data),
+        "settings": asdict(settings),
+    }
+    open_run(folder, identity, resume=resume, overwrite=overwrite)
+    with StageScreen() as screen:
+        result = fit(model, data, output, settings, folder=folder, device=device, threads=threads, progress=screen)
+    seconds = time.perf_counter() - start
+    write_record(folder, result, settings, identity, seconds)
+    if tensorboard:
+        write_curves_for_tensorboard(folder / "tensorboard", result.history)
+    if not keep_features:
+        shutil.rmtree(folder / "features", ignore_errors=True)
+    seen = result.validation
+    print(
+        f"{output}: descriptors of kind {settings.kind}, {result.identities} identities learnt in {seconds:.0f} s; "
+        f"on {seen.identities} held-out ones equal error rate {seen.error_rate:.3f} at distance {seen.threshold:.2f}"
+    )
+    print(f"{folder}: record.json, curves.png")

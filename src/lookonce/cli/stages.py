@@ -1,0 +1,69 @@
+"""Progress of work in stages on stderr: a bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+__all__ = ["StageScreen"]
+
+_LINE_EVERY_S = 30.0
+
+
+class StageScreen:
+    """Shows one stage after the other; use it in a ``with`` block."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}", markup=False),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=self._console,
+            disable=not self._console.is_terminal,
+        )
+        self._name = ""
+        self._task: TaskID | None = None
+        self._last_line_s = 0.0
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def stage(self, name: str, done: int, total: int | None, note: str = "") -> None:
+        """So much of a stage is done."""
+        if name != self._name:
+            self._name, self._last_line_s = name, time.monotonic()
+            self._task = self._progress.add_task(name, total=total, note=note)
+        assert self._task is not None
+        self._progress.update(self._task, completed=done, total=total, note=note)
+        is_due = time.monotonic() - self._last_line_s >= _LINE_EVERY_S or done == total
+        if not self._console.is_terminal and is_due:
+            self._last_line_s = time.monotonic()
+            of = f" of {total}" if total is not None else ""
+            self.say(f"{name}: {done}{of}{f', {note}' if note else ''}")
+
+    def say(self, text: str) -> None:
+        """A finding that stays on the screen."""
+        self._console.print(text, soft_wrap=True, markup=False, highlight=False)

@@ -1,0 +1,47 @@
+"""What every kind of descriptor head offers: a reading of features at each detection, and a network on top of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import onnx_ir as ir
+
+from lookonce.make.export.detections import SelectedDetections
+from lookonce.make.export.graph import GraphWriter
+
+__all__ = ["DESCRIPTOR_SIZE", "HeadKind", "write_unit_length"]
+
+DESCRIPTOR_SIZE = 128  # the paper's
+_SMALLEST_LENGTH = 1e-12  # below, a vector has no direction: it stays zero
+
+
+class HeadKind(Protocol):
+    """A kind of head, laid out for one detector.
+
+    Attributes:
+        name: such as ``compact``.
+        layers: names of the features that are read.
+    """
+
+    @property
+    def name(self) -> str:
+        """Such as ``compact``."""
+        ...
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of the features that are read."""
+        ...
+
+    def write_reading(
+        self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]
+    ) -> dict[str, ir.Value]:
+        """Append the lookup of features at N rows; by name, N values each."""
+        ...
+
+
+def write_unit_length(g: GraphWriter, rows: ir.Value) -> ir.Value:
+    """Rows (N, C) scaled to unit length; a row of zeros stays."""
+    length = g("ReduceL2", rows, g.constant([1]), keepdims=1)
+    return g("Div", rows, g("Max", length, g.constant(_SMALLEST_LENGTH)))

@@ -1,0 +1,1 @@
+"""Training descriptor heads on the frozen detector."""

@@ -1,0 +1,76 @@
+"""Which rows a training step sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from lookonce.make.training.readings import Readings
+
+__all__ = ["BatchSampler", "comparable"]
+
+_FROM_SCENES = 0.5  # share of a batch that comes scene by scene: there the hard negatives are
+_IDENTITIES_A_SCENE = 16
+
+
+class BatchSampler:
+    """Draws batches: half of it scene by scene, every source as often, the rest any identities.
+
+    Objects that stand side by side in one light are the hard negatives, and what a tracker has to tell apart.
+
+    Args:
+        readings: everything.
+        identities: in a batch, about.
+        rows: of an identity in a batch, at most.
+        seed: of all draws; a step's batch depends on nothing but seed and step.
+    """
+
+    def __init__(self, readings: Readings, identities: int, rows: int, seed: int) -> None:
+        self._identities, self._rows, self._seed = identities, rows, seed
+        train = ~readings.held_out[readings.identity]
+        order = np.flatnonzero(train)[np.argsort(readings.identity[train], kind="stable")]
+        starts = np.flatnonzero(np.diff(readings.identity[order], prepend=-1))
+        groups = [group for group in np.split(order, starts[1:]) if len(group) > 1] if len(order) else []
+        self.groups: Sequence[NDArray[np.int64]] = groups  # rows of each identity that has two or more
+        self._scenes: list[list[list[int]]] = []  # source -> scene -> numbers of groups
+        by_source: dict[int, dict[int, list[int]]] = {}
+        for number, group in enumerate(groups):
+            row = group[0]
+            scenes = by_source.setdefault(int(readings.source[row]), {})
+            scenes.setdefault(int(readings.scene[readings.identity[row]]), []).append(number)
+        for scenes in by_source.values():
+            crowded = [members for members in scenes.values() if len(members) > 1]
+            if crowded:
+                self._scenes.append(crowded)
+
+    def __call__(self, step: int) -> NDArray[np.int64]:
+        """Row numbers of one step's batch."""
+        rng = np.random.default_rng([self._seed, step])
+        drawn: list[int] = []
+        while self._scenes and len(drawn) < _FROM_SCENES * self._identities:
+            scenes = self._scenes[rng.integers(len(self._scenes))]
+            members = scenes[rng.integers(len(scenes))]
+            drawn += self._some(members, _IDENTITIES_A_SCENE, rng)
+        missing = min(self._identities - len(drawn), len(self.groups))
+        drawn += self._some(range(len(self.groups)), missing, rng)
+        rows = [self.groups[n][rng.permutation(len(self.groups[n]))[: self._rows]] for n in drawn]
+        return np.unique(np.concatenate(rows))
+
+    @staticmethod
+    def _some(members: Sequence[int], count: int, rng: Generator) -> list[int]:
+        return [members[index] for index in rng.permutation(len(members))[: max(count, 0)]]
+
+
+def comparable(readings: Readings, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N, N) whether two rows are surely one object or surely two.
+
+    Tracks made by linking may be pieces of one object; two that were alive at once are not.
+    """
+    identity, source = readings.identity[rows], readings.source[rows]
+    first, last = readings.lifetime[identity].T
+    overlap = np.minimum(last[:, None], last) >= np.maximum(first[:, None], first)
+    result: NDArray[np.bool_] = overlap | (source[:, None] != source)
+    return result

@@ -1,0 +1,103 @@
+"""The kinds of heads as the training loop wants them: a module, a loss, descriptors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+import onnx_ir as ir
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from lookonce.make.descriptors.compact import CompactHead, CompactKind
+from lookonce.make.descriptors.paper import PaperHead, PaperKind
+from lookonce.make.descriptors.paper_loss import PaperClassifier, paper_loss
+from lookonce.make.export.graph import GraphWriter
+from lookonce.make.training.batches import comparable
+from lookonce.make.training.config import FitConfig
+from lookonce.make.training.loop import Trainable
+from lookonce.make.training.objectives import contrastive_loss
+from lookonce.make.training.readings import Readings
+from lookonce.model import ModelMetadata
+
+__all__ = ["Head", "Kind", "kind_of", "trainable_for"]
+
+_ROWS_FOR_STATISTICS = 8192
+
+Kind = CompactKind | PaperKind
+
+
+class Head(Trainable, Protocol):
+    """A trainable head that can be written into a model file."""
+
+    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
+        """Append the head to a graph; (N, 128)."""
+        ...
+
+
+def kind_of(name: str, metadata: ModelMetadata) -> Kind:
+    """The layout of a kind of head for one detector."""
+    return PaperKind.of(metadata) if name == "paper" else CompactKind.of(metadata)
+
+
+def trainable_for(kind: Kind, readings: Readings, config: FitConfig) -> Head:
+    """A fresh head with its objective; weights drawn from torch's global generator."""
+    if isinstance(kind, PaperKind):
+        return _Paper(kind, readings)
+    return _Compact(kind, readings, config.temperature)
+
+
+class _Compact:
+    def __init__(self, kind: CompactKind, readings: Readings, temperature: float) -> None:
+        self._readings, self._temperature = readings, temperature
+        points = readings.values["points"]
+        some = np.linspace(0, len(points) - 1, min(len(points), _ROWS_FOR_STATISTICS)).astype(int)
+        channels = points[some].astype(np.float32).reshape(-1, points.shape[-1])
+        self._head = CompactHead(kind, channels.mean(axis=0), channels.std(axis=0))
+
+    @property
+    def module(self) -> nn.Module:
+        return self._head
+
+    def loss(self, values: Mapping[str, Tensor], rows: NDArray[np.int64]) -> Tensor:
+        descriptors = self._head(values["points"])
+        identity = torch.from_numpy(self._readings.identity[rows]).to(descriptors.device)
+        is_comparable = torch.from_numpy(comparable(self._readings, rows)).to(descriptors.device)
+        return contrastive_loss(descriptors, identity, is_comparable, self._temperature)
+
+    def describe(self, values: Mapping[str, Tensor]) -> Tensor:
+        described: Tensor = self._head(values["points"])
+        return described
+
+    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
+        return self._head.write(g, reading)
+
+
+class _Paper:
+    def __init__(self, kind: PaperKind, readings: Readings) -> None:
+        trained = np.unique(readings.identity[~readings.held_out[readings.identity]])
+        self._class_of = np.full(len(readings.held_out), -1)
+        self._class_of[trained] = np.arange(len(trained))
+        self._readings = readings
+        self._head = PaperHead(kind)
+        self._classifier = PaperClassifier(len(trained))
+        self._both = nn.ModuleDict({"head": self._head, "classifier": self._classifier})
+
+    @property
+    def module(self) -> nn.Module:
+        return self._both
+
+    def loss(self, values: Mapping[str, Tensor], rows: NDArray[np.int64]) -> Tensor:
+        probabilities = self._classifier(self._head(values["patch"], values["scale"], values["anchor"]))
+        wanted = torch.from_numpy(self._class_of[self._readings.identity[rows]]).to(probabilities.device)
+        labels = nn.functional.one_hot(wanted, probabilities.shape[-1]).to(probabilities.dtype)
+        return paper_loss(probabilities, labels)
+
+    def describe(self, values: Mapping[str, Tensor]) -> Tensor:
+        raw: Tensor = self._head(values["patch"], values["scale"], values["anchor"])
+        return nn.functional.normalize(raw, dim=1)
+
+    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
+        return self._head.write(g, reading)

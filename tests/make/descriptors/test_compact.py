@@ -1,0 +1,209 @@
+"""Kind `compact`: a grid of points over each box, read again in NumPy, and the network on top of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from lookonce.make.descriptors.compact import CompactHead, CompactKind
+
+ANCHORS = [(10, 14), (30, 24)]
+ROWS, COLUMNS, SAMPLES = 8, 4, 2
+BOXES = np.array(
+    [
+        [10.3, 5.7, 40.2, 50.9],
+        [0, 0, 96, 64],
+        [-20, -10, 30, 20],  # cut at the border
+        [70, 40, 130, 90],
+        [50, 30, 51, 31],  # smaller than a cell
+        [95.5, 63.5, 96, 64],
+        [20, 20, 20, 20],  # without area
+    ],
+    np.float32,
+)
+
+
+@pytest.fixture(scope="module")
+def metadata(describe):
+    return describe(
+        [("s4", 5, 4), ("s4 wide", 9, 4), ("s8", 6, 8), ("s16", 7, 16), ("s16 near", 3, 16)],
+        [(16, ANCHORS, "s16 near", "s16")],
+    )
+
+
+def _rows(boxes, image_index=None):
+    count = len(boxes)
+    whole = np.zeros(count, np.int64)
+    image_index = whole if image_index is None else np.asarray(image_index, np.int64)
+    return {
+        "image_index": image_index,
+        "boxes": boxes,
+        "scores": np.ones(count, np.float32),
+        "labels": whole,
+        "scale": whole,
+        "cell": whole,
+        "anchor": whole,
+    }
+
+
+def _bilinear(plane, y, x):
+    """The plane (C, h, w) between its cells' centres, held constant beyond the outermost ones."""
+    height, width = plane.shape[1:]
+    y, x = min(max(y, 0.0), height - 1.0), min(max(x, 0.0), width - 1.0)
+    top, left = int(y), int(x)
+    bottom, right = min(top + 1, height - 1), min(left + 1, width - 1)
+    down, along = y - top, x - left
+    above = plane[:, top, left] * (1 - along) + plane[:, top, right] * along
+    below = plane[:, bottom, left] * (1 - along) + plane[:, bottom, right] * along
+    return above * (1 - down) + below * down
+
+
+def _roi_align(plane, box, stride):
+    """(points, C): the box cut into 8 x 4 parts; each the mean of 2 x 2 points in it."""
+    left, top, right, bottom = np.float64(box) / stride - 0.5  # the centre of the first cell is 0
+    height, width = (bottom - top) / ROWS, (right - left) / COLUMNS
+    points = []
+    for row in range(ROWS):
+        for column in range(COLUMNS):
+            read = [
+                _bilinear(
+                    plane,
+                    top + (row + (i + 0.5) / SAMPLES) * height,
+                    left + (column + (j + 0.5) / SAMPLES) * width,
+                )
+                for i in range(SAMPLES)
+                for j in range(SAMPLES)
+            ]
+            points.append(np.mean(read, axis=0))
+    return np.array(points)
+
+
+def _head(kind, seed=1):
+    rng = np.random.default_rng(seed)
+    channels = sum(kind.channels)
+    mean, spread = rng.normal(size=channels), rng.uniform(0.5, 2, channels)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return CompactHead(kind, mean.astype(np.float32), spread.astype(np.float32)).eval()
+
+
+@pytest.fixture
+def points():
+    return np.random.default_rng(2).normal(size=(40, 32, 18)).astype(np.float32)
+
+
+def test_layout_is_the_narrowest_backbone_map_of_each_stride(metadata):
+    kind = CompactKind.of(metadata)
+    assert (kind.name, kind.layers, kind.channels) == ("compact", ("s4", "s8", "s16"), (5, 6, 7))
+    assert kind.size == (64, 96)
+
+
+@pytest.mark.parametrize(
+    ("features", "outputs", "expected"),
+    [
+        pytest.param([("near", 4, 32)], [(32, "near", "near")], ("near",), id="only-near-layers"),
+        pytest.param(
+            [("n32", 9, 32), ("n16", 4, 16)], [(32, "n32", "n32"), (16, "n16", "n16")], ("n16",), id="two-near-layers"
+        ),
+        pytest.param(
+            [("n", 4, 16), ("b16", 8, 16), ("b32", 9, 32)], [(16, "n", "b16"), (32, "n", "b32")], ("b16",), id="coarse"
+        ),
+        pytest.param(
+            [("near", 4, 32), ("b32", 8, 32), ("b64", 9, 64)],
+            [(32, "near", "b32")],
+            ("b32", "b64"),
+            id="no-known-stride",
+        ),
+        pytest.param(
+            [("l3", 32, 4), ("l5", 64, 8), ("l8", 256, 16), ("l12", 1024, 32), ("l14", 512, 32), ("l21", 256, 16)],
+            [(32, "l14", "l12"), (16, "l21", "l8")],
+            ("l3", "l5", "l8"),
+            id="yolov3-tiny",
+        ),
+    ],
+)
+def test_layout_where_few_layers_are_offered(describe, random_maps, run_reading, features, outputs, expected):
+    metadata = describe(features, [(stride, ANCHORS, near, early) for stride, near, early in outputs], (64, 128))
+    kind = CompactKind.of(metadata)
+    assert kind.layers == expected
+    reading = run_reading(kind, _rows(BOXES[:2]), random_maps(metadata))
+    assert reading["points"].shape == (2, 32, sum(kind.channels))
+    assert _head(kind)(torch.from_numpy(reading["points"])).shape == (2, 128)
+
+
+def test_reading_is_roi_align(metadata, random_maps, run_reading):
+    kind = CompactKind.of(metadata)
+    maps = random_maps(metadata, batch=3)
+    image_index = np.arange(len(BOXES)) % 3
+    found = run_reading(kind, _rows(BOXES, image_index), maps)["points"]
+    assert found.shape == (len(BOXES), ROWS * COLUMNS, 18)
+    cut = np.clip(BOXES, 0, [96, 64, 96, 64])
+    for row, (image, box) in enumerate(zip(image_index, cut, strict=True)):
+        expected = [_roi_align(np.float64(maps[f.name][image]), box, f.stride_px) for f in kind.features]
+        np.testing.assert_allclose(found[row], np.concatenate(expected, axis=1), atol=1e-5)
+
+
+def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head):
+    kind = CompactKind.of(metadata)
+    reading = run_reading(kind, _rows(BOXES[:0]), random_maps(metadata, batch=2))
+    assert reading["points"].shape == (0, 32, 18)
+    assert run_head(_head(kind), reading).shape == (0, 128)
+    assert _head(kind)(torch.from_numpy(reading["points"])).shape == (0, 128)
+
+
+@torch.no_grad()
+def test_graph_equals_pytorch(metadata, points, run_head):
+    head = _head(CompactKind.of(metadata))
+    found = run_head(head, {"points": points})
+    np.testing.assert_allclose(found, head(torch.from_numpy(points)).numpy(), atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
+    assert np.linalg.norm(found[:, None] - found, axis=2)[~np.eye(len(found), dtype=bool)].min() > 1e-3
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, points, run_head, threads):
+    head = _head(CompactKind.of(metadata))
+    together = run_head(head, {"points": points}, threads)
+    for rows in (slice(0, 1), slice(3, 5), slice(7, 30), slice(39, 40)):
+        assert run_head(head, {"points": points[rows]}, threads).tobytes() == together[rows].tobytes()
+
+
+def test_reading_of_a_picture_is_the_same_to_the_byte_in_a_batch(metadata, random_maps, run_reading):
+    kind, maps = CompactKind.of(metadata), random_maps(metadata, batch=3)
+    image_index = np.repeat([0, 1, 2], [1, 4, 2])
+    together = run_reading(kind, _rows(BOXES, image_index), maps)["points"]
+    for image in range(3):
+        one = {name: values[image : image + 1] for name, values in maps.items()}
+        alone = run_reading(kind, _rows(BOXES[image_index == image]), one)["points"]
+        assert alone.tobytes() == together[image_index == image].tobytes()
+
+
+@torch.no_grad()
+def test_channels_that_never_change_are_harmless(metadata, points):
+    kind = CompactKind.of(metadata)
+    head = CompactHead(kind, np.zeros(18, np.float32), np.zeros(18, np.float32))
+    assert torch.isfinite(head(torch.from_numpy(points))).all()
+
+
+def test_loss_falls_on_8_identities(metadata):
+    """Supervised contrastive loss (Khosla et al. 2020, equation 2): near to all others of one's identity."""
+    generator = torch.Generator().manual_seed(0)
+    identity = torch.arange(64) % 8
+    points = torch.randn(8, 32, 18, generator=generator)[identity]
+    points = points + torch.randn(points.shape, generator=generator)
+    head = _head(CompactKind.of(metadata)).train()
+    optimizer = torch.optim.Adam(head.parameters(), lr=1e-2)
+    is_self = torch.eye(64, dtype=torch.bool)
+    is_same = (identity[:, None] == identity) & ~is_self
+    losses = []
+    for _ in range(30):
+        descriptors = head(points)
+        similarity = (descriptors @ descriptors.T / 0.1).masked_fill(is_self, -torch.inf)
+        loss = -similarity.log_softmax(dim=1)[is_same].mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < 0.7 * losses[0]
+    assert losses[-1] < 2.1  # log 7 = 1.95 is the least that can be reached
