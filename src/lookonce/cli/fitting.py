@@ -36,6 +36,7 @@ _EXAMPLES = """
 [bold]Afterwards[/bold]  lookonce probe model+id.onnx DATA tells how far the descriptors can be trusted.
 """
 
+_FOLDER_SUFFIX = ".fit"
 _SETTINGS = "Settings (also in a TOML file, by the same names)"
 
 
@@ -45,14 +46,14 @@ def _setting(text: str) -> Any:
 
 def fit_command(
     data: Annotated[
-        list[Path] | None, typer.Argument(metavar="[DATA...]", help="Labelled sequences, or folders of them.")
+        list[Path] | None, typer.Argument(metavar="DATA", help="Labelled sequences, or folders of them.")
     ] = None,
     model: Annotated[Path, typer.Option("-m", "--model", help="Model file to start from.", show_default=False)] = ...,  # type: ignore[assignment]
     output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write.", show_default=False)] = ...,  # type: ignore[assignment]
     stills: Annotated[
-        list[Path] | None, typer.Option(help="Folder of pictures with YOLO labels or none; may be repeated.")
+        list[Path] | None, typer.Option(metavar="FOLDER", help="Pictures with YOLO labels or none; may be repeated.")
     ] = None,
-    video: Annotated[list[Path] | None, typer.Option(help="Unlabelled video; may be repeated.")] = None,
+    video: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Unlabelled video; may be repeated.")] = None,
     frames: Annotated[
         Path | None, typer.Option(help="Video or folder with the pictures of DATA, where it is one sequence without.")
     ] = None,
@@ -62,14 +63,16 @@ def fit_command(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted run.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier model file and run.")] = False,
     keep_features: Annotated[
-        bool, typer.Option("--keep-features", help="Leave the features on disk for the next run.")
+        bool,
+        typer.Option("--keep-features", help="Leave the features on disk; a run with --overwrite uses them again."),
     ] = False,
     tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Write TensorBoard logs too.")] = False,
     kind: Annotated[str | None, _setting("compact, or paper (as published).")] = None,
     seed: Annotated[int | None, _setting("Of every random choice [0].")] = None,
-    steps: Annotated[int | None, _setting("Optimizer steps at most [1000].")] = None,
-    views: Annotated[int | None, _setting("Transformed views of each still [3].")] = None,
-    collages: Annotated[int | None, _setting("Collages each object of a still is put into [5].")] = None,
+    steps: Annotated[int | None, _setting("Optimizer steps at most [600].")] = None,
+    views: Annotated[int | None, _setting("Transformed views of each still [2].")] = None,
+    collages: Annotated[int | None, _setting("Collages each object of a still is put into [4].")] = None,
+    variants: Annotated[int | None, _setting("Identities made of each object by other colours [1].")] = None,
     sequence_frames: Annotated[int | None, _setting("Frames taken of a sequence or video at most [300].")] = None,
     score: Annotated[float | None, _setting("Least confidence of detections that stand in for labels [0.4].")] = None,
     held_out: Annotated[float | None, _setting("Share of identities kept for validation [0.1].")] = None,
@@ -80,21 +83,12 @@ def fit_command(
     temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
     check_every: Annotated[int | None, _setting("Steps between two looks at validation [100].")] = None,
     patience: Annotated[int | None, _setting("Looks without progress before it stops [5].")] = None,
-    cache_gb: Annotated[float | None, _setting("Disk space for features, 10^9 bytes [4].")] = None,
+    cache_gb: Annotated[float | None, _setting("Disk and memory for features, 10^9 bytes [1].")] = None,
 ) -> None:
     """Train descriptors on a frozen detector: boxes stay the same to the byte, identities become tellable."""
     given = {name: value for name, value in locals().items() if value is not None}
-    try:
-        from lookonce.make.training.config import FitConfig
-    except ModuleNotFoundError as exc:
-        raise ConfigError(
-            f"fit needs the extra 'train' ({exc.name} is missing); pip install 'lookonce[train]'"
-        ) from exc
-    known = {field.name for field in fields(FitConfig)}
-    from_file = read_settings(config, FitConfig) if config else {}
-    settings = FitConfig(**from_file | {name: value for name, value in given.items() if name in known})
-    if output.exists() and not (overwrite or resume):
-        raise OutputError(f"{output} exists; give --overwrite to replace it, or another name with -o")
+    settings = _settings(config, given)
+    _check_output(output, may_exist=overwrite or resume)
     _run(
         _read_data(data or [], stills or [], video or [], frames),
         settings,
@@ -112,9 +106,23 @@ def fit_command(
 fit_command.__doc__ = f"{fit_command.__doc__}\n{_EXAMPLES}"
 
 
-def _read_data(data: list[Path], stills: list[Path], videos: list[Path], frames: Path | None) -> FitData:
-    from lookonce.make.training.fit import FitData
+def _settings(config: Path | None, given: dict[str, Any]) -> FitConfig:
+    """What the TOML file says, and before it the flags."""
+    from lookonce.make.training.config import FitConfig
 
+    from_file = read_settings(config, FitConfig) if config else {}
+    known = {field.name for field in fields(FitConfig)}
+    return FitConfig(**from_file | {name: value for name, value in given.items() if name in known})
+
+
+def _check_output(output: Path, *, may_exist: bool) -> None:
+    if output.is_dir() or output.suffix == _FOLDER_SUFFIX:
+        raise OutputError(f"{output}: a folder, or named like the run's own; give a file such as model+id.onnx with -o")
+    if output.exists() and not may_exist:
+        raise OutputError(f"{output} exists; give --overwrite to replace it, or another name with -o")
+
+
+def _read_data(data: list[Path], stills: list[Path], videos: list[Path], frames: Path | None) -> FitData:
     if not (data or stills or videos):
         raise ConfigError("nothing to learn from; give labelled DATA, --stills or --video")
     if frames is not None and len(data) != 1:
@@ -122,6 +130,12 @@ def _read_data(data: list[Path], stills: list[Path], videos: list[Path], frames:
     missing = [path for path in videos if not path.exists()]
     if missing:
         raise ConfigError(f"{missing[0]}: no such video; check the path")
+    try:
+        from lookonce.make.training.fit import FitData
+    except ModuleNotFoundError as exc:
+        raise ConfigError(
+            f"fit needs the extra 'train' ({exc.name} is missing); pip install 'lookonce[train]'"
+        ) from exc
     sequences = [sequence for path in data for sequence in open_sequences(path, pictures=frames)]
     return FitData(tuple(sequences), tuple(open_stills(path) for path in stills), tuple(videos))
 
@@ -140,20 +154,36 @@ def _run(
     tensorboard: bool,
 ) -> None:
     from lookonce.make.training.fit import fit
-    from lookonce.make.training.record import fingerprint, open_run, write_curves_for_tensorboard, write_record
+    from lookonce.make.training.record import (
+        check_tensorboard,
+        fingerprint,
+        open_run,
+        write_curves_for_tensorboard,
+        write_record,
+    )
 
     start = time.perf_counter()
-    folder = output.with_suffix(".fit")
+    if tensorboard:
+        check_tensorboard()
+    detector = Model(model)
+    folder = output.with_suffix(_FOLDER_SUFFIX)
     identity: dict[str, object] = {
-        "model": {"file": model.name, "sha256": Model(model).sha256},
+        "model": {"file": detector.path.name, "sha256": detector.sha256},
         "data": fingerprint(data),
+        "features": settings.for_reading(),
         "settings": asdict(settings),
     }
     open_run(folder, identity, resume=resume, overwrite=overwrite)
     with StageScreen() as screen:
-        result = fit(model, data, output, settings, folder=folder, device=device, threads=threads, progress=screen)
+        try:
+            result = fit(
+                detector.path, data, output, settings, folder=folder, device=device, threads=threads, progress=screen
+            )
+        except KeyboardInterrupt:
+            screen.say(f"{folder}: keeps what was made so far; go on with --resume")
+            raise
     seconds = time.perf_counter() - start
-    write_record(folder, result, settings, identity, seconds)
+    write_record(folder, result, identity, seconds)
     if tensorboard:
         write_curves_for_tensorboard(folder / "tensorboard", result.history)
     if not keep_features:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from lookonce.cli.stages import StageScreen
 from lookonce.datasets import LabelledSequence, open_sequences
 from lookonce.errors import ConfigError
 from lookonce.model import describe_model
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 __all__ = ["probe_command"]
 
-_LINE_EVERY_S = 30.0
 _PRESET = "paper"
+_NO_EXTRA = "probe needs the extra 'train' ({} is missing); pip install 'lookonce[train]'"
 _ASPECTS = {
-    "time_gap": "time between the two",
+    "time_gap": "time apart",
     "size_change": "change of size",
-    "height": "height of the lower one",
-    "grid_change": "where the detector finds them",
+    "height": "lower height",
+    "grid_change": "place in the detector",
 }
 _SOURCES = {
     "model file": "from the model file",
@@ -95,14 +95,11 @@ def probe_command(
     try:
         from lookonce.make import probing
     except ModuleNotFoundError as exc:
-        raise ConfigError(
-            f"probe needs the extra 'train' ({exc.name} is missing); pip install 'lookonce[train]'"
-        ) from exc
-    start_s = time.perf_counter()
+        raise ConfigError(_NO_EXTRA.format(exc.name)) from exc
     path = find_model(model)
     settings = probing.ProbeSettings(
         boxes=boxes,
-        limits=probing.GapLimits(*(probing.Gap.parse(gap) for gap in (min_gap, max_gap, rank_gap))),
+        limits=probing.GapLimits(*map(probing.Gap.parse, (min_gap, max_gap, rank_gap))),
         classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
         every=every,
         score=score,
@@ -113,10 +110,11 @@ def probe_command(
     reader = probing.open_reader(path, boxes, score=score, provider=provider, threads=threads)
     folder = output or Path("runs") / f"probe-{path.stem}"
     prepare_output_folder(folder, probing.PROBE_FILES, overwrite)
-    with _ProbeScreen() as screen:
-        result = probing.probe(reader, sequences, settings, on_frame=screen.show)
-        files = probing.write_report(folder, result, sequences, on_frame=screen.show)
-    _print_result(result, files, time.perf_counter() - start_s)
+    start = time.perf_counter()
+    with StageScreen() as screen:
+        result = probing.probe(reader, sequences, settings, on_frame=screen.stage)
+        files = probing.write_report(folder, result, sequences, on_frame=screen.stage)
+    _print_result(result, files, time.perf_counter() - start)
 
 
 probe_command.__doc__ = f"{probe_command.__doc__}\n{_EXAMPLES}"
@@ -140,42 +138,6 @@ def _open_data(data: list[Path], frames: Path | None) -> tuple[LabelledSequence,
             raise ConfigError(f"sequence {sequence.name} is given twice; name it once")
         seen.add(place)
     return tuple(sequences)
-
-
-class _ProbeScreen:
-    """Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
-
-    def __init__(self) -> None:
-        self._console = Console(stderr=True)
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        is_hidden = not self._console.is_terminal
-        self._progress = Progress(*columns, console=self._console, transient=True, disable=is_hidden)
-        self._tasks: dict[str, int] = {}
-        self._last_line_s = time.perf_counter()
-
-    def __enter__(self) -> _ProbeScreen:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def show(self, name: str, done: int, total: int) -> None:
-        """Say how far the reading is."""
-        if name not in self._tasks:
-            self._tasks[name] = self._progress.add_task(name, total=total)
-        self._progress.update(self._tasks[name], completed=done)
-        now_s = time.perf_counter()
-        if not self._console.is_terminal and now_s - self._last_line_s >= _LINE_EVERY_S:
-            self._last_line_s = now_s
-            self._console.print(f"{name}: {done} of {total} frames", soft_wrap=True, markup=False)
 
 
 def _print_result(result: ProbeResult, files: tuple[Path, ...], seconds: float) -> None:
@@ -238,10 +200,10 @@ def _what_was_read(result: ProbeResult, seconds: float) -> dict[str, str]:
 
 
 def _sequences(result: ProbeResult) -> Table:
-    """A line for each sequence."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    """A line for each sequence; found = share of the truth boxes."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("sequence", overflow="fold")
-    headings = ["objects", "ids", "rank 1", "chance", "mAP", "AUC", "EER", "false\naccepts", "false\nrejects"]
+    headings = ["boxes", "ids", "rank 1", "chance", "mAP", "AUC", "EER"]
     if result.settings.boxes == "detections":
         headings.insert(2, "found")
     for heading in headings:
@@ -254,23 +216,21 @@ def _sequences(result: ProbeResult) -> Table:
 def _sequence_values(tally: Tally, measures: Measures, with_found: bool) -> list[str]:
     values = [f"{measures.objects:,}", f"{measures.identities:,}"]
     if with_found:
-        values.append(f"{tally.found_boxes / tally.truth_boxes:.1%}" if tally.truth_boxes else "-")
+        values.append(_rate(tally.found_boxes / tally.truth_boxes if tally.truth_boxes else math.nan))
     rates = (
         measures.rank_one.rate,
         measures.rank_one.chance,
         measures.retrieval.mean_average_precision,
         measures.roc_auc,
         measures.equal_error_rate,
-        measures.false_accept_rate,
-        measures.false_reject_rate,
     )
     return values + [_rate(rate) for rate in rates]
 
 
 def _parts(result: ProbeResult) -> Table:
     """The parts of the pairs that there are."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("pairs by")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("pairs by", no_wrap=True)
     for heading in ("of one\nobject", "of two\nobjects", "EER", "AUC", "false\naccepts", "false\nrejects"):
         table.add_column(heading, justify="right")
     for by, parts in result.parts.items():

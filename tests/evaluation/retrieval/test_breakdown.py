@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -79,5 +80,33 @@ def test_parts_without_pairs_have_nan_rates():
 
 
 def test_an_unknown_aspect_is_refused():
-    with pytest.raises(ValueError, match="by: expected one of time_gap, size_change, height, got colour"):
+    with pytest.raises(ValueError, match="by: expected one of time_gap, size_change, height, grid_change, got colour"):
         break_down(random_objects(0), 1, 2, "colour", 1)
+
+
+def _at(grids, identities=(1, 1, 1, 2)):
+    objects = make_objects(on_circle([0.0, 0.1, 0.2, 3.0]), identities, [0, 1, 2, 3])
+    return dataclasses.replace(objects, grids=np.array(grids, np.int64))
+
+
+def test_change_of_grid_comes_before_change_of_anchor():
+    #        grid 0 anchor 1, grid 0 anchor 2, grid 1 anchor 1, grid 0 anchor 1
+    parts = break_down(_at([1, 2, 1001, 1]), 1, 3, "grid_change", 0.5)
+    assert [part.name for part in parts] == ["same grid and anchor", "same grid, other anchor", "other grid"]
+    assert [(part.genuine, part.impostor) for part in parts] == [(0, 1), (1, 1), (2, 1)]
+    assert [part.lower for part in parts] == [0, 1, 2]
+
+
+def test_grids_that_are_not_known_cannot_be_broken_down_by():
+    with pytest.raises(ValueError, match="grids: expected all to be known"):
+        break_down(random_objects(0), 1, 2, "grid_change", 1)
+    with pytest.raises(ValueError, match="grids: expected all to be known"):
+        break_down(_at([1, 2, -1, 1]), 1, 2, "grid_change", 1)
+
+
+def test_grids_are_checked_and_stay_aligned():
+    objects = _at([1, 2, 1001, 3])
+    assert objects[np.array([2, 0])].grids.tolist() == [1001, 1]
+    assert random_objects(0).grids.tolist() == [-1] * len(random_objects(0))
+    with pytest.raises(ValueError, match=r"grids: expected \(4,\) int64, got \(2,\) int64"):
+        _at([1, 2])

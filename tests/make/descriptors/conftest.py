@@ -7,7 +7,10 @@ import onnx_ir as ir
 import onnxruntime
 import pytest
 import torch
+from torch import nn
 
+from lookonce.make.descriptors.compact import CompactHead, CompactKind
+from lookonce.make.descriptors.paper import PaperHead
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import OPSET, GraphWriter
 from lookonce.model.metadata import Feature, ModelMetadata, OutputGrid
@@ -97,5 +100,27 @@ def random_maps():
             f.name: rng.normal(size=(batch, f.channels, height // f.stride_px, width // f.stride_px)).astype(np.float32)
             for f in metadata.features
         }
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def random_head():
+    """``random_head(kind)``: a head with random weights, in evaluation; its batch norms have seen something."""
+
+    def make(kind, seed=1):
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            if isinstance(kind, CompactKind):
+                channels = sum(kind.channels)
+                return CompactHead(kind, torch.randn(channels).numpy(), torch.rand(channels).numpy() + 0.5).eval()
+            head = PaperHead(kind)
+            for module in head.modules():
+                if isinstance(module, nn.BatchNorm2d):
+                    nn.init.normal_(module.running_mean, std=0.2)
+                    nn.init.uniform_(module.running_var, 0.5, 1.5)
+                    nn.init.uniform_(module.weight, 0.5, 1.5)
+                    nn.init.normal_(module.bias, std=0.2)
+        return head.eval()
 
     return make

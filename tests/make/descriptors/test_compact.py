@@ -9,7 +9,7 @@ import torch
 from lookonce.make.descriptors.compact import CompactHead, CompactKind
 
 ANCHORS = [(10, 14), (30, 24)]
-ROWS, COLUMNS, SAMPLES = 8, 4, 2
+ROWS, COLUMNS = 8, 4
 BOXES = np.array(
     [
         [10.3, 5.7, 40.2, 50.9],
@@ -59,8 +59,8 @@ def _bilinear(plane, y, x):
     return above * (1 - down) + below * down
 
 
-def _roi_align(plane, box, stride):
-    """(points, C): the box cut into 8 x 4 parts; each the mean of 2 x 2 points in it."""
+def _roi_align(plane, box, stride, samples):
+    """(points, C): the box cut into 8 x 4 parts; each the mean of samples x samples points in it."""
     left, top, right, bottom = np.float64(box) / stride - 0.5  # the centre of the first cell is 0
     height, width = (bottom - top) / ROWS, (right - left) / COLUMNS
     points = []
@@ -69,23 +69,14 @@ def _roi_align(plane, box, stride):
             read = [
                 _bilinear(
                     plane,
-                    top + (row + (i + 0.5) / SAMPLES) * height,
-                    left + (column + (j + 0.5) / SAMPLES) * width,
+                    top + (row + (i + 0.5) / samples) * height,
+                    left + (column + (j + 0.5) / samples) * width,
                 )
-                for i in range(SAMPLES)
-                for j in range(SAMPLES)
+                for i in range(samples)
+                for j in range(samples)
             ]
             points.append(np.mean(read, axis=0))
     return np.array(points)
-
-
-def _head(kind, seed=1):
-    rng = np.random.default_rng(seed)
-    channels = sum(kind.channels)
-    mean, spread = rng.normal(size=channels), rng.uniform(0.5, 2, channels)
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        return CompactHead(kind, mean.astype(np.float32), spread.astype(np.float32)).eval()
 
 
 @pytest.fixture
@@ -123,16 +114,19 @@ def test_layout_is_the_narrowest_backbone_map_of_each_stride(metadata):
         ),
     ],
 )
-def test_layout_where_few_layers_are_offered(describe, random_maps, run_reading, features, outputs, expected):
+def test_layout_where_few_layers_are_offered(
+    describe, random_maps, run_reading, features, outputs, expected, random_head
+):
     metadata = describe(features, [(stride, ANCHORS, near, early) for stride, near, early in outputs], (64, 128))
     kind = CompactKind.of(metadata)
     assert kind.layers == expected
     reading = run_reading(kind, _rows(BOXES[:2]), random_maps(metadata))
     assert reading["points"].shape == (2, 32, sum(kind.channels))
-    assert _head(kind)(torch.from_numpy(reading["points"])).shape == (2, 128)
+    assert random_head(kind)(torch.from_numpy(reading["points"])).shape == (2, 128)
 
 
 def test_reading_is_roi_align(metadata, random_maps, run_reading):
+    """The finest map has 2 x 2 samples a point, the others one."""
     kind = CompactKind.of(metadata)
     maps = random_maps(metadata, batch=3)
     image_index = np.arange(len(BOXES)) % 3
@@ -140,21 +134,24 @@ def test_reading_is_roi_align(metadata, random_maps, run_reading):
     assert found.shape == (len(BOXES), ROWS * COLUMNS, 18)
     cut = np.clip(BOXES, 0, [96, 64, 96, 64])
     for row, (image, box) in enumerate(zip(image_index, cut, strict=True)):
-        expected = [_roi_align(np.float64(maps[f.name][image]), box, f.stride_px) for f in kind.features]
+        expected = [
+            _roi_align(np.float64(maps[feature.name][image]), box, feature.stride_px, samples)
+            for feature, samples in zip(kind.features, (2, 1, 1), strict=True)
+        ]
         np.testing.assert_allclose(found[row], np.concatenate(expected, axis=1), atol=1e-5)
 
 
-def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head):
+def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head, random_head):
     kind = CompactKind.of(metadata)
     reading = run_reading(kind, _rows(BOXES[:0]), random_maps(metadata, batch=2))
     assert reading["points"].shape == (0, 32, 18)
-    assert run_head(_head(kind), reading).shape == (0, 128)
-    assert _head(kind)(torch.from_numpy(reading["points"])).shape == (0, 128)
+    assert run_head(random_head(kind), reading).shape == (0, 128)
+    assert random_head(kind)(torch.from_numpy(reading["points"])).shape == (0, 128)
 
 
 @torch.no_grad()
-def test_graph_equals_pytorch(metadata, points, run_head):
-    head = _head(CompactKind.of(metadata))
+def test_graph_equals_pytorch(metadata, points, run_head, random_head):
+    head = random_head(CompactKind.of(metadata))
     found = run_head(head, {"points": points})
     np.testing.assert_allclose(found, head(torch.from_numpy(points)).numpy(), atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
@@ -162,8 +159,8 @@ def test_graph_equals_pytorch(metadata, points, run_head):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, points, run_head, threads):
-    head = _head(CompactKind.of(metadata))
+def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, points, run_head, threads, random_head):
+    head = random_head(CompactKind.of(metadata))
     together = run_head(head, {"points": points}, threads)
     for rows in (slice(0, 1), slice(3, 5), slice(7, 30), slice(39, 40)):
         assert run_head(head, {"points": points[rows]}, threads).tobytes() == together[rows].tobytes()
@@ -186,13 +183,13 @@ def test_channels_that_never_change_are_harmless(metadata, points):
     assert torch.isfinite(head(torch.from_numpy(points))).all()
 
 
-def test_loss_falls_on_8_identities(metadata):
+def test_loss_falls_on_8_identities(metadata, random_head):
     """Supervised contrastive loss (Khosla et al. 2020, equation 2): near to all others of one's identity."""
     generator = torch.Generator().manual_seed(0)
     identity = torch.arange(64) % 8
     points = torch.randn(8, 32, 18, generator=generator)[identity]
     points = points + torch.randn(points.shape, generator=generator)
-    head = _head(CompactKind.of(metadata)).train()
+    head = random_head(CompactKind.of(metadata)).train()
     optimizer = torch.optim.Adam(head.parameters(), lr=1e-2)
     is_self = torch.eye(64, dtype=torch.bool)
     is_same = (identity[:, None] == identity) & ~is_self

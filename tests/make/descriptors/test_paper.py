@@ -23,20 +23,6 @@ def metadata(describe):
     )
 
 
-def random_head(kind, seed=1):
-    """A head whose batch norms have seen something."""
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        head = PaperHead(kind)
-        for module in head.modules():
-            if isinstance(module, nn.BatchNorm2d):
-                nn.init.normal_(module.running_mean, std=0.2)
-                nn.init.uniform_(module.running_var, 0.5, 1.5)
-                nn.init.uniform_(module.weight, 0.5, 1.5)
-                nn.init.normal_(module.bias, std=0.2)
-    return head.eval()
-
-
 def every_row(kind, batch=1):
     """A row of detections for every anchor of every cell of every grid of every picture, in shuffled order."""
     rows = [
@@ -138,7 +124,7 @@ def test_cells_of_other_pictures_and_infinite_neighbours_do_not_leak(metadata, r
     np.testing.assert_array_equal(run_reading(kind, rows, maps)["patch"][is_far], expected[is_far])
 
 
-def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head):
+def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head, random_head):
     kind = PaperKind.of(metadata)
     head = random_head(kind)
     reading = run_reading(kind, no_rows(every_row(kind)), random_maps(metadata, batch=2))
@@ -149,7 +135,7 @@ def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head
 
 
 @torch.no_grad()
-def test_rows_equal_whole_maps_everywhere(metadata, random_maps, run_reading):
+def test_rows_equal_whole_maps_everywhere(metadata, random_maps, run_reading, random_head):
     kind = PaperKind.of(metadata)
     head, maps, rows = random_head(kind), random_maps(metadata, batch=2), every_row(kind, batch=2)
     found = head(*as_tensors(run_reading(kind, rows, maps)))
@@ -167,9 +153,33 @@ def test_rows_equal_whole_maps_everywhere(metadata, random_maps, run_reading):
 
 
 @torch.no_grad()
-def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head):
+def test_network_is_the_papers(metadata, random_maps, random_head):
+    """Joined, three convolutions, a new axis before the channels repeated for the anchors, filters across that axis."""
+    kind = PaperKind.of(metadata)
+    head, grid = random_head(kind), kind.grids[0]
+    near, early = maps_of(grid, random_maps(metadata))
+    layers = head.grids[0]
+    values = torch.cat([near, early], dim=1)
+    for convolution, norm in zip(layers.convolutions, layers.norms, strict=True):
+        values = norm(nn.functional.conv2d(values, convolution.weight, padding="same"))
+        values = torch.where(values > 0, values, 0.1 * values)
+    assert values.shape == (1, 128, 2, 3)
+    values = torch.stack([torch.zeros_like(values), *[values] * 3, torch.zeros_like(values)])  # anchors -1 to 3
+    kernel = layers.target.weight[:, :, :, 0, 0]
+    for anchor in range(3):
+        expected = layers.target.bias[:, None, None] + sum(
+            torch.einsum("dc,bchw->bdhw", kernel[:, :, place], values[anchor + place]) for place in range(3)
+        )
+        found = head.forward_map(0, near, early)[:, :, anchor]
+        torch.testing.assert_close(found, expected, atol=1e-5, rtol=0)
+
+
+@torch.no_grad()
+def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head, random_head):
     kind = PaperKind.of(metadata)
     head = random_head(kind)
+    for grid in head.grids:
+        grid.norms[0].running_var[:9] = 1e-5  # hardly any spread: what batch norm adds to it counts
     reading = run_reading(kind, every_row(kind), random_maps(metadata))
     expected = nn.functional.normalize(head(*as_tensors(reading))).numpy()
     found = run_head(head, reading)
@@ -179,7 +189,9 @@ def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head):
 
 @pytest.mark.parametrize("anchors", [1, 2, 3, 5])
 @torch.no_grad()
-def test_anchors_of_a_cell_differ_where_the_filters_see_an_end(describe, random_maps, run_reading, run_head, anchors):
+def test_anchors_of_a_cell_differ_where_the_filters_see_an_end(
+    describe, random_maps, run_reading, run_head, anchors, random_head
+):
     """Each number of anchors has its own sums of slices; beyond three, the middle ones are equal."""
     metadata = describe([("a", 4, 8), ("b", 4, 8)], [(8, [(8, 8)] * anchors, "a", "b")], size=(8, 8))
     kind = PaperKind.of(metadata)
@@ -197,7 +209,9 @@ def test_anchors_of_a_cell_differ_where_the_filters_see_an_end(describe, random_
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, random_maps, run_reading, run_head, threads):
+def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(
+    metadata, random_maps, run_reading, run_head, threads, random_head
+):
     kind = PaperKind.of(metadata)
     head = random_head(kind)
     reading = run_reading(kind, every_row(kind), random_maps(metadata))
@@ -207,7 +221,7 @@ def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, random_ma
         assert alone.tobytes() == together[rows].tobytes()
 
 
-def test_training_on_rows_is_training_on_whole_maps(metadata, random_maps, run_reading):
+def test_training_on_rows_is_training_on_whole_maps(metadata, random_maps, run_reading, random_head):
     """Maps whose anchors are all empty but a few: the same loss and the same gradients as those few rows alone."""
     kind = PaperKind.of(metadata)
     head, classifier = random_head(kind), PaperClassifier(4)
@@ -267,7 +281,7 @@ def test_a_single_row_of_a_grid_can_be_trained_on(metadata):
     assert torch.isfinite(found).all()
 
 
-def test_weights_survive_saving(metadata, tmp_path):
+def test_weights_survive_saving(metadata, tmp_path, random_head):
     kind = PaperKind.of(metadata)
     head, other = random_head(kind), random_head(kind, seed=2)
     row = torch.ones(1, 9, kind.channels), torch.tensor([1]), torch.tensor([4])

@@ -190,3 +190,21 @@ def test_drawing_leaves_no_global_state(tmp_path):
     draw_distances(tmp_path / "a.png", _pairs(), 0.5)
     assert dict(matplotlib.rcParams) == before
     assert "pyplot" not in Path(inspect.getfile(draw_distances)).read_text(encoding="utf-8")
+
+
+def _lobes(spike):
+    counts = np.zeros(128, np.int64)
+    counts[30:60] = 100
+    counts[90] = spike
+    return _pairs(counts, np.roll(counts, 5))
+
+
+def test_a_bar_that_dwarfs_the_rest_is_cut_off_so_that_the_rest_can_be_seen(tmp_path):
+    """All distances between different grids of native descriptors were one bar, ten times as high as all others."""
+    painted = []
+    for spike in (100, 1000, 100_000):
+        draw_distances(tmp_path / "a.png", _lobes(spike), 0.5)
+        red, _, blue = np.moveaxis(_pixels(tmp_path / "a.png").astype(int)[:, 265:285], 2, 0)
+        painted.append((blue - red > 20).any(axis=1).sum())  # height of the lobe, where only one kind is
+    assert painted[1] > 0.5 * painted[0]  # cut off
+    assert painted[2] < 0.1 * painted[0]  # nearly all pairs are in it: shown whole

@@ -26,10 +26,11 @@ from lookonce.model.metadata import Feature, ModelMetadata
 __all__ = ["CompactHead", "CompactKind"]
 
 _ROWS, _COLUMNS = 8, 4  # points over a box; taller than wide, for persons; vehicles lose nothing by it
-_SAMPLES = 2  # per point and axis, averaged
+_SAMPLES = 2  # of the finest map, per point and axis, averaged; the points lie closer than the cells of the others
 _STRIDES_PX = (4, 8, 16)  # of the maps that are read
 _EMBEDDING, _HEADS, _GATE = 48, 8, 24
 _SMALLEST_SPREAD = 1e-3
+_UNSEEN = -20.0  # logit of a point that is hidden: no weight, but no NaN where all are
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +86,7 @@ class CompactKind:
                 rows.image_index,
                 output_height=_ROWS,
                 output_width=_COLUMNS,
-                sampling_ratio=_SAMPLES,
+                sampling_ratio=_SAMPLES if feature is self.features[0] else 1,
                 spatial_scale=1 / feature.stride_px,
                 coordinate_transformation_mode="half_pixel",
                 mode="avg",
@@ -123,22 +124,29 @@ class CompactHead(nn.Module):
         """(N, P, C) -> (N, 128)."""
         points = (points.float() - self.mean) / self.spread
         embedded = torch.relu(self.embedding(points[..., : self.visual]))  # (N, P, E)
-        weights = (self.position + self.gate(points)).softmax(dim=1)  # (N, P, K)
-        pooled = weights.transpose(1, 2) @ embedded  # (N, K, E)
+        logits = self.position + self.gate(points)  # (N, P, K)
+        if self.training:
+            logits = logits.masked_fill(_hidden(len(points)).to(logits.device)[..., None], _UNSEEN)
+        weights = logits.softmax(dim=1)
+        pooled = torch.log1p(weights.transpose(1, 2) @ embedded)  # (N, K, E); one bright spot does not decide
         return nn.functional.normalize(self.project(pooled.flatten(1)), dim=1)
 
     def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
         """Append the head to a graph: the operators of ``forward`` with the standardisation folded into the weights."""
-        points = reading["points"]
+        # Flat: ONNX Runtime fuses the reading's transposition into a product of 3-D values, and that fails for N = 0.
+        points = g("Reshape", reading["points"], g.constant([-1, len(self.mean)]))  # (N, P, C) -> (N P, C)
         channels = np.arange(self.visual, dtype=np.int64)
-        visual = g("Gather", points, g.constant(channels), axis=2)
+        visual = g("Gather", points, g.constant(channels), axis=1)
         embedded = g("Relu", self._linear(g, visual, self.embedding))
+        embedded = g("Reshape", embedded, g.constant([-1, _ROWS * _COLUMNS, _EMBEDDING]))
         first, last = self.gate[0], self.gate[2]
         assert isinstance(first, nn.Linear)
         assert isinstance(last, nn.Linear)
         logits = _write_linear(g, g("Relu", self._linear(g, points, first)), last.weight, last.bias)
+        logits = g("Reshape", logits, g.constant([-1, _ROWS * _COLUMNS, _HEADS]))
         weights = g("Softmax", g("Add", logits, g.constant(_array(self.position))), axis=1)
-        pooled = g("MatMul", g("Transpose", weights, perm=[0, 2, 1]), embedded)
+        mean = g("MatMul", g("Transpose", weights, perm=[0, 2, 1]), embedded)
+        pooled = g("Log", g("Add", mean, g.constant(1.0)))
         flat = g("Reshape", pooled, g.constant([-1, _EMBEDDING * _HEADS]))
         return write_unit_length(g, _write_linear(g, flat, self.project.weight, self.project.bias))
 
@@ -147,6 +155,17 @@ class CompactHead(nn.Module):
         count = layer.in_features
         weight = layer.weight / self.spread[:count]
         return _write_linear(g, values, weight, layer.bias - weight @ self.mean[:count])
+
+
+def _hidden(count: int) -> Tensor:
+    """(count, P) bool: of half of the rows a patch of the points, in training only, as if something stood before it."""
+    row = torch.arange(_ROWS * _COLUMNS) // _COLUMNS
+    column = torch.arange(_ROWS * _COLUMNS) % _COLUMNS
+    top, left = torch.randint(_ROWS, (count, 1)), torch.randint(_COLUMNS, (count, 1))
+    is_in_rows = (row >= top) & (row < top + torch.randint(1, 4, (count, 1)))
+    is_in_columns = (column >= left) & (column < left + torch.randint(1, 3, (count, 1)))
+    is_full_width, is_any = torch.rand(count, 1) < 0.5, torch.rand(count, 1) < 0.5
+    return is_in_rows & (is_full_width | is_in_columns) & is_any
 
 
 def _stripes() -> Tensor:

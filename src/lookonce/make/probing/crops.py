@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from lookonce.datasets import LabelledSequence
 from lookonce.distances import distances, quantize
 from lookonce.evaluation import DescribedObjects
-from lookonce.make.probing.describing import OnFrame, Reading, open_pictures
+from lookonce.make.probing.describing import OnFrame, Reading
 from lookonce.make.probing.gaps import Window
 from lookonce.make.probing.neighbours import Neighbourhood, ShownObject
 from lookonce.make.probing.queries import choose_queries, nearest
+from lookonce.video import open_video
+from lookonce.video.images import frame_indices, pictures_in
 
 __all__ = ["neighbourhoods", "read_crops"]
 
@@ -27,8 +29,6 @@ def neighbourhoods(
     window: Window,
     sequences: Sequence[LabelledSequence],
     *,
-    every: int = 1,
-    fps: float | None = None,
     seed: int = 0,
     on_frame: OnFrame | None = None,
 ) -> list[Neighbourhood]:
@@ -38,8 +38,6 @@ def neighbourhoods(
         reading: what was described.
         window: which of it is compared; the same rows on the limits' clock.
         sequences: those that were read.
-        every: as for ``read_sequences``.
-        fps: the same.
         seed: of the choice of queries.
         on_frame: told of the progress.
     """
@@ -47,7 +45,7 @@ def neighbourhoods(
     queries = choose_queries(window.objects, *gaps, _QUERIES, seed).tolist()
     neighbours = {query: nearest(window.objects, query, *gaps, _NEIGHBOURS) for query in queries}
     rows = np.unique(np.concatenate([np.array(queries, np.int64), *neighbours.values()]))
-    crops = read_crops(reading, rows, sequences, every=every, fps=fps, on_frame=on_frame)
+    crops = read_crops(reading, rows, sequences, on_frame=on_frame)
     shown = []
     for query in queries:
         found = neighbours[query]
@@ -79,18 +77,14 @@ def read_crops(
     rows: NDArray[np.int64],
     sequences: Sequence[LabelledSequence],
     *,
-    every: int = 1,
-    fps: float | None = None,
     on_frame: OnFrame | None = None,
 ) -> dict[int, NDArray[np.uint8]]:
-    """By row its picture (H, W, 3) uint8 RGB; only the crops are held, and no frame beyond the last needed is read.
+    """By row its picture (H, W, 3) uint8 RGB; only the crops are held, and one frame.
 
     Args:
         reading: what was described.
         rows: (R,) int64, the rows that are wanted.
         sequences: those that were read.
-        every: as for ``read_sequences``.
-        fps: the same.
         on_frame: told of the progress.
     """
     wanted: dict[int, dict[int, list[int]]] = defaultdict(lambda: defaultdict(list))  # sequence -> frame -> rows
@@ -98,18 +92,29 @@ def read_crops(
         wanted[int(reading.objects.sequences[row])][int(reading.objects.frames[row])].append(row)
     crops: dict[int, NDArray[np.uint8]] = {}
     for number, frames in wanted.items():
-        sequence, last, done = sequences[number], max(frames), 0
-        with open_pictures(sequence, every=every, fps=fps) as video:
-            for frame in video:
-                if frame.index in frames:
-                    image = frame.image
-                    crops |= {row: _cut(image, reading.xyxy[row]) for row in frames[frame.index]}
-                    done += 1
-                    if on_frame is not None:
-                        on_frame(f"{sequence.name}, pictures for the sheet", done, len(frames))
-                if frame.index >= last:
-                    break
+        name = f"{sequences[number].name}, pictures for the sheet"
+        for done, (index, image) in enumerate(_images(sequences[number], frames.keys()), 1):
+            crops |= {row: _cut(image, reading.xyxy[row]) for row in frames[index]}
+            if on_frame is not None:
+                on_frame(name, done, len(frames))
     return crops
+
+
+def _images(sequence: LabelledSequence, wanted: Set[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """The wanted frames, by index; of a folder only their files are opened, of a video none beyond the last."""
+    if sequence.pictures.is_dir():
+        paths = pictures_in(sequence.pictures)
+        for index, path in zip(frame_indices(paths), paths, strict=True):
+            if index in wanted:
+                with open_video(path) as picture:
+                    yield from ((index, frame.image) for frame in picture)
+        return
+    with open_video(sequence.pictures) as video:
+        for frame in video:
+            if frame.index in wanted:
+                yield frame.index, frame.image
+            if frame.index >= max(wanted):
+                return
 
 
 def _cut(image: NDArray[np.uint8], xyxy: NDArray[np.float32]) -> NDArray[np.uint8]:

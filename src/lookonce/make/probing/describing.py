@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence, Set
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +19,7 @@ from lookonce.make.probing.reading import BoxReader, SeenBoxes, TruthReader
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 from lookonce.video.opening import one_line
 
-__all__ = ["OnFrame", "Reading", "Tally", "describe_sequences", "open_pictures", "read_sequences"]
+__all__ = ["OnFrame", "Reading", "Tally", "describe_sequences", "read_sequences"]
 
 log = logging.getLogger(__name__)
 
@@ -110,15 +109,10 @@ def read_sequences(
     """The same as ``describe_sequences``, with the boxes and an account of what was read."""
     rows = _Rows()
     tallies = tuple(
-        _read_sequence(reader, number, sequence, rows, every=every, fps=fps, on_frame=on_frame)
+        _read_sequence_(reader, number, sequence, rows, every=every, fps=fps, on_frame=on_frame)
         for number, sequence in enumerate(sequences)
     )
     return rows.reading(tallies)
-
-
-def open_pictures(sequence: LabelledSequence, *, every: int = 1, fps: float | None = None) -> VideoSource:
-    """The frames of a sequence on its clock."""
-    return open_video(sequence.pictures, every=every, fps=sequence.fps if fps is None else fps)
 
 
 class _Prepared(NamedTuple):
@@ -127,7 +121,7 @@ class _Prepared(NamedTuple):
     placed: Fit
 
 
-def _read_sequence(
+def _read_sequence_(
     reader: BoxReader,
     number: int,
     sequence: LabelledSequence,
@@ -137,14 +131,16 @@ def _read_sequence(
     fps: float | None,
     on_frame: OnFrame | None,
 ) -> Tally:
-    """Read one sequence into ``rows``."""
+    """Read one sequence, adding to ``rows``."""
     truth = {frame.index: frame.objects for frame in sequence.frames if frame.index % every == 0 and len(frame.objects)}
     if fps is None and sequence.fps is None and sequence.pictures.is_dir():
-        log.warning("%s: states no frame rate; %g per second are assumed", one_line(sequence.name), _USUAL_RATE)
+        log.warning(
+            "%s: states no frame rate; %g frames per second are assumed (--fps)", one_line(sequence.name), _USUAL_RATE
+        )
     done = truth_boxes = found_boxes = described_boxes = 0
-    with open_pictures(sequence, every=every, fps=fps) as video:
-        prepared = prefetch(_letterboxed(sequence, video, truth.keys(), reader.metadata.size), depth=_FRAMES_AHEAD)
-        with closing(prepared):
+    with open_video(sequence.pictures, every=every, fps=sequence.fps if fps is None else fps) as video:
+        letterboxed = _letterboxed(sequence, video, truth.keys(), reader.metadata.size)
+        with prefetch(letterboxed, depth=_FRAMES_AHEAD) as prepared:
             for frame, canvas, placed in prepared:
                 objects = truth[frame.index]
                 seen = reader(canvas, placed, objects.xyxy)

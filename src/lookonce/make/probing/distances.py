@@ -21,6 +21,8 @@ _GENUINE_COLOUR, _IMPOSTOR_COLOUR = "#0072B2", "#E69F00"
 _SIZE_INCHES = (10.0, 4.5)
 _DPI = 120
 _DRAWN_BINS = 128  # about five px each
+_SPIKE_WIDTH = 3  # bins; what is narrower and stands out by this factor is cut off, so that the rest can be seen
+_SPIKE_FACTOR = 4.0
 
 
 def draw_distances(path: Path, pairs: PairDistances, threshold: float, gaps: str = "") -> None:
@@ -39,6 +41,7 @@ def draw_distances(path: Path, pairs: PairDistances, threshold: float, gaps: str
     axes = figure.add_subplot()
     _draw_kind(axes, pairs.genuine, _GENUINE_COLOUR, "//", "-", "same object")
     _draw_kind(axes, pairs.impostor, _IMPOSTOR_COLOUR, "..", "--", "different objects")
+    _cut_spike_off(axes, pairs)
     _draw_thresholds(axes, pairs, threshold)
     axes.set_xlim(0, 2)
     axes.set_ylim(bottom=0)
@@ -57,9 +60,7 @@ def _draw_kind(axes: Axes, counts: NDArray[np.int64], colour: str, hatch: str, l
     if not total:
         axes.plot([], [], color=colour, linestyle=line, label=f"{name}: no pairs")
         return
-    edges = np.linspace(0, 2, min(_DRAWN_BINS, len(counts)) + 1)
-    below = np.concatenate([[0], np.cumsum(counts)])
-    share = np.diff(np.interp(edges, np.linspace(0, 2, len(below)), below)) / total
+    edges, share = _drawn_bins(counts)
     axes.stairs(
         share * 0.1 / np.diff(edges),
         edges,
@@ -70,6 +71,43 @@ def _draw_kind(axes: Axes, counts: NDArray[np.int64], colour: str, hatch: str, l
         linestyle=line,
         linewidth=1.5,
         label=f"{name}: {total:,} pairs",
+    )
+
+
+def _drawn_bins(counts: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Edges (B + 1,) of the bins that are drawn, and the share of the pairs in each (B,); zeros without pairs."""
+    edges = np.linspace(0, 2, min(_DRAWN_BINS, len(counts)) + 1)
+    below = np.concatenate([[0], np.cumsum(counts)])
+    share: NDArray[np.float64] = np.diff(np.interp(edges, np.linspace(0, 2, len(below)), below))
+    return edges, share / max(1, int(counts.sum()))
+
+
+def _cut_spike_off(axes: Axes, pairs: PairDistances) -> None:
+    """Limit the height of the axes to what lies beside a narrow peak, and write beside the peak what it holds.
+
+    Descriptors of different grids may all lie equally far apart, which gives one bar that dwarfs all others.
+    """
+    edges, genuine = _drawn_bins(pairs.genuine)
+    impostor = _drawn_bins(pairs.impostor)[1]
+    highest = np.maximum(genuine, impostor)
+    beside = np.pad(highest, _SPIKE_WIDTH)
+    is_spike = highest > _SPIKE_FACTOR * np.maximum(beside[: -2 * _SPIKE_WIDTH], beside[2 * _SPIKE_WIDTH :])
+    rest = float(highest[~is_spike].max(initial=0))
+    held = genuine[is_spike].sum(), impostor[is_spike].sum()
+    if max(held) > 0.5 or highest.max() < _SPIKE_FACTOR * rest or not rest:
+        return
+    top = 1.25 * rest * 0.1 / float(edges[1])
+    axes.set_ylim(top=top)
+    where = int(np.where(is_spike, highest, 0).argmax())
+    has_room = edges[where] < 1.45  # to its right
+    axes.annotate(
+        f"cut off: {held[0]:.0%} of the same,\n{held[1]:.0%} of different objects",
+        (float(edges[where + has_room]), top),
+        xytext=(6 if has_room else -6, -4),
+        textcoords="offset points",
+        horizontalalignment="left" if has_room else "right",
+        verticalalignment="top",
+        fontsize=9,
     )
 
 

@@ -44,11 +44,11 @@ def write_report(
         VideoError: the pictures cannot be read any more.
     """
     neighbours, distances, numbers = (folder / name for name in PROBE_FILES)
-    settings = result.settings
-    window = settings.limits.window(result.reading.objects)
-    rows = neighbourhoods(result.reading, window, sequences, every=settings.every, fps=settings.fps, on_frame=on_frame)
+    limits = result.settings.limits
+    window = limits.window(result.reading.objects)
+    rows = neighbourhoods(result.reading, window, sequences, on_frame=on_frame)
     draw_neighbours(neighbours, rows)
-    draw_distances(distances, result.overall.pairs, result.match_threshold, str(settings.limits))
+    draw_distances(distances, result.overall.pairs, result.match_threshold, str(limits))
     write_whole(numbers, report_json(result).encode(), "numbers")
     return neighbours, distances, numbers
 

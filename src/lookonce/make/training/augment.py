@@ -18,7 +18,7 @@ from PIL import Image, ImageFilter
 
 from lookonce.letterbox import PADDING_GREY
 
-__all__ = ["View", "collage", "jitter_boxes", "view"]
+__all__ = ["View", "collage", "jitter_boxes", "other_colours", "view"]
 
 _Floats = NDArray[np.float64]
 _ZOOM = (0.55, 1.7)  # of a view, against the letterboxed picture
@@ -96,9 +96,9 @@ def collage(
     boxes = np.full((len(objects), 4), np.nan)
     owner = np.full(size, -1)
     for index, (picture, box) in enumerate(objects):
-        cut = _cut_out(picture, box, rng)
-        corner_px = _find_place(cut.box, boxes, size, rng)
-        if corner_px is None:
+        cut = _cut_out(picture, box, size, rng)
+        corner_px = _find_place(cut.box, boxes, size, rng) if cut else None
+        if cut is None or corner_px is None:
             continue
         left, top = corner_px
         rows, columns = cut.pixels.shape[:2]
@@ -122,6 +122,41 @@ def jitter_boxes(boxes: _Floats, rng: Generator, share: float = 0.05) -> NDArray
     return np.concatenate([centre - half, centre + half], axis=1).astype(np.float32)
 
 
+def other_colours(picture: Image.Image, rng: Generator) -> Image.Image:
+    """The picture of another object of the same shape: other colours, mostly different ones above and below a line.
+
+    Look-alikes that differ in colour only are the hardest negatives there are, and make more identities of few.
+    """
+    pixels = np.asarray(picture, np.float32)
+    rows = len(pixels)
+    upper, lower = _other_colour(pixels, rng), _other_colour(pixels, rng)
+    choice = rng.random()
+    if choice < 0.3:
+        lower = upper
+    elif choice < 0.5:
+        upper = pixels
+    elif choice < 0.65:
+        lower = pixels
+    line, softness = rng.uniform(0.3, 0.7) * rows, 0.03 * rows + 0.5
+    is_lower = (1 / (1 + np.exp((line - np.arange(rows)) / softness)))[:, None, None].astype(np.float32)
+    return Image.fromarray(_to_pixels(upper + (lower - upper) * is_lower))
+
+
+def _other_colour(pixels: NDArray[np.float32], rng: Generator) -> NDArray[np.float32]:
+    """Hue turned about the grey axis (Rodrigues' rotation), saturation, brightness and tint: far beyond other light."""
+    angle = rng.uniform(-np.pi, np.pi) * (1 if rng.random() < 0.5 else 0.25)
+    cos, sin = np.cos(angle), np.sin(angle) / np.sqrt(3)
+    axis = np.full((3, 3), (1 - cos) / 3)
+    turn = axis + cos * np.eye(3) + sin * np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]])
+    turned = pixels @ turn.T.astype(np.float32)
+    grey = turned.mean(axis=2, keepdims=True)
+    vivid = grey + (turned - grey) * np.float32(np.exp(rng.normal(0, 0.4)))
+    changed: NDArray[np.float32] = vivid * np.float32(np.exp(rng.normal(0, 0.3))) + rng.normal(0, 20, 3).astype(
+        np.float32
+    )
+    return changed
+
+
 @dataclass(frozen=True, slots=True)
 class _CutOut:
     """An object to paste: pixels (h, w, 3) and mask (h, w, 1) float32, and its box within them."""
@@ -131,8 +166,8 @@ class _CutOut:
     box: _Floats
 
 
-def _cut_out(picture: Image.Image, box: _Floats, rng: Generator) -> _CutOut:
-    """One object, scaled, warped, flipped and recoloured, with a soft border."""
+def _cut_out(picture: Image.Image, box: _Floats, size: tuple[int, int], rng: Generator) -> _CutOut | None:
+    """One object, scaled, warped, flipped and recoloured, with a soft border; None where it is larger than ``size``."""
     extent = box[2:] - box[:2]
     margin = np.tile(_MARGIN * extent, 2) * [-1, -1, 1, 1]
     outer = np.clip(box + margin, 0, np.tile(picture.size, 2))
@@ -140,6 +175,8 @@ def _cut_out(picture: Image.Image, box: _Floats, rng: Generator) -> _CutOut:
     height_px = min(height_px, extent[1] * 1.6 + 8, 150 * extent[1] / extent[0])  # neither magnified nor too wide
     scale = max(height_px, 10) / extent[1] * np.array([np.exp(rng.normal(0, 0.06)), 1])
     columns, rows = np.maximum(4, np.round((outer[2:] - outer[:2]) * scale)).astype(int)
+    if columns > size[1] or rows > size[0]:
+        return None  # a flat or narrow box: enlarged until it is high enough, it could take any amount of memory
     resampling = Image.Resampling.BOX if scale[1] < 0.7 else Image.Resampling.BILINEAR
     image = picture.resize((columns, rows), resampling, box=tuple(outer))
     inner = (box - np.tile(outer[:2], 2)) * np.tile(scale, 2)

@@ -9,6 +9,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from lookonce.make.training.readings import Readings
+from lookonce.make.training.sources import coexist
 
 __all__ = ["BatchSampler", "comparable"]
 
@@ -54,10 +55,11 @@ class BatchSampler:
             scenes = self._scenes[rng.integers(len(self._scenes))]
             members = scenes[rng.integers(len(scenes))]
             drawn += self._some(members, _IDENTITIES_A_SCENE, rng)
-        missing = min(self._identities - len(drawn), len(self.groups))
-        drawn += self._some(range(len(self.groups)), missing, rng)
-        rows = [self.groups[n][rng.permutation(len(self.groups[n]))[: self._rows]] for n in drawn]
-        return np.unique(np.concatenate(rows))
+        chosen = dict.fromkeys(drawn)  # each once, however often it was drawn
+        others = [number for number in range(len(self.groups)) if number not in chosen]
+        chosen |= dict.fromkeys(self._some(others, self._identities - len(chosen), rng))
+        rows = [self.groups[n][rng.permutation(len(self.groups[n]))[: self._rows]] for n in chosen]
+        return np.sort(np.concatenate(rows))
 
     @staticmethod
     def _some(members: Sequence[int], count: int, rng: Generator) -> list[int]:
@@ -65,12 +67,7 @@ class BatchSampler:
 
 
 def comparable(readings: Readings, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N, N) whether two rows are surely one object or surely two.
-
-    Tracks made by linking may be pieces of one object; two that were alive at once are not.
-    """
-    identity, source = readings.identity[rows], readings.source[rows]
-    first, last = readings.lifetime[identity].T
-    overlap = np.minimum(last[:, None], last) >= np.maximum(first[:, None], first)
-    result: NDArray[np.bool_] = overlap | (source[:, None] != source)
+    """(N, N) whether two rows are surely one object or surely two: of identities that coexist, or of two sources."""
+    source, lifetimes = readings.source[rows], readings.lifetime[readings.identity[rows]]
+    result: NDArray[np.bool_] = coexist(lifetimes[:, None], lifetimes) | (source[:, None] != source)
     return result

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 
 from lookonce.errors import ConfigError
 
@@ -12,6 +12,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "seed": (0, 2**32 - 1),
     "views": (0, 1000),
     "collages": (0, 1000),
+    "variants": (0, 100),
     "sequence_frames": (2, 1_000_000),
     "score": (0.01, 1),
     "held_out": (0.01, 0.5),
@@ -25,6 +26,18 @@ _RANGES: dict[str, tuple[float, float]] = {
     "patience": (1, 1_000_000),
     "cache_gb": (0.01, 1000),
 }
+_AFTER_READING = frozenset(
+    (
+        "steps",
+        "identities",
+        "rows",
+        "learning_rate",
+        "weight_decay",
+        "temperature",
+        "check_every",
+        "patience",
+    )
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +49,7 @@ class FitConfig:
         seed: of every random choice.
         views: transformed views of each still.
         collages: how often each object of a still is put into a collage.
+        variants: so many more identities are made of each object of a still by other colours.
         sequence_frames: of each sequence or video at most so many frames, evenly spread.
         score: least confidence of the detections that stand in for labels.
         held_out: share of identities kept for validation.
@@ -47,17 +61,18 @@ class FitConfig:
         temperature: of the contrastive loss (kind compact).
         check_every: steps between two looks at the validation identities.
         patience: stop after so many looks without a better one.
-        cache_gb: room for features on disk, in 10^9 bytes.
+        cache_gb: room for features on disk, and in memory while training, in 10^9 bytes.
     """
 
     kind: str = "compact"
     seed: int = 0
-    views: int = 3
-    collages: int = 5
+    views: int = 2
+    collages: int = 4
+    variants: int = 1
     sequence_frames: int = 300
     score: float = 0.4
     held_out: float = 0.1
-    steps: int = 1000
+    steps: int = 600
     identities: int = 160
     rows: int = 4
     learning_rate: float = 3e-3
@@ -65,7 +80,7 @@ class FitConfig:
     temperature: float = 0.1
     check_every: int = 100
     patience: int = 5
-    cache_gb: float = 4.0
+    cache_gb: float = 1.0
 
     def __post_init__(self) -> None:
         if self.kind not in ("compact", "paper"):
@@ -75,3 +90,7 @@ class FitConfig:
             value = getattr(self, field.name)
             if low is not None and high is not None and not low <= value <= high:
                 raise ConfigError(f"{field.name}={value}: expected {low:g} to {high:g}")
+
+    def for_reading(self) -> dict[str, object]:
+        """The settings that features depend on, by name; runs that agree in them can share features."""
+        return {name: value for name, value in asdict(self).items() if name not in _AFTER_READING}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -15,7 +16,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from lookonce.datasets import LabelledObjects, LabelledSequence, LabelledStills
-from lookonce.errors import ConfigError
+from lookonce.errors import ConfigError, ModelError
 from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
@@ -23,17 +24,21 @@ from lookonce.make.export.reopen import RowReader, replace_descriptors
 from lookonce.make.training.config import FitConfig
 from lookonce.make.training.linking import Links, link_detections
 from lookonce.make.training.loop import History, train
+from lookonce.make.training.pictures import open_picture
 from lookonce.make.training.readings import Readings, read_features
-from lookonce.make.training.sources import SequenceSource, Source, StillsSource, TrackedBoxes
+from lookonce.make.training.sources import SequenceSource, Source, TrackedBoxes
+from lookonce.make.training.stills import StillsSource
 from lookonce.make.training.trainables import Head, Kind, kind_of, trainable_for
-from lookonce.make.training.validation import Validation
+from lookonce.make.training.validation import Validation, are_comparable, check_comparable
 from lookonce.model import DescriptorInfo, Model, ModelMetadata, available_cpus, describe_model
 from lookonce.video import open_video
+from lookonce.video.opening import one_line
 
 __all__ = ["FitData", "FitResult", "Progress", "fit"]
 
 _FEWEST_IDENTITIES = 4
 _MANY_SEQUENCES = 5  # from here on whole sequences are held out
+_LEAST_THRESHOLD = 1e-4  # a model file's must be above 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,28 +114,44 @@ def fit(
         LookonceError: an input is wrong, or the disk is full; what was made so far is kept in ``folder``.
     """
     metadata = describe_model(model)
+    if not metadata.features:
+        raise ModelError(
+            f"{model}: names no features that descriptors could read; make it again with 'lookonce import'"
+        )
     kind = kind_of(config.kind, metadata)
     target = _device(device)
     threads = threads or available_cpus()
-    sources = _sources(model, metadata, data, config, threads, progress)
-    readings = _read(model, kind, sources, config, folder, threads, progress)
-    _check_identities(readings)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"PIL\.")  # of pictures that are large, and of damaged EXIF
+        sources = _sources(model, metadata, data, config, threads, progress)
+        _refuse_too_few([len(source.held_out) for source in sources], sources)
+        check_comparable([source.lifetimes[source.held_out] for source in sources])
+        readings = _read(model, kind, sources, config, folder, threads, progress)
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
-        torch.manual_seed(config.seed)
-        head = trainable_for(kind, readings, config)
-
-        def report(step: int, history: History) -> None:
-            note = f"error rate {min(history.error_rate):.3f}" if history.step else ""
-            progress.stage("train", step, config.steps, note)
-
-        history, validation = train(head, readings, config, folder, device=target, report=report)
+        with torch.random.fork_rng([target] if target.type == "cuda" else []):  # the caller's draws stay as they were
+            head, history, validation = _train(kind, readings, config, folder, target, progress)
     finally:
         torch.set_num_threads(before)
     trained = _write(model, output, metadata, kind, head, _about(config, data, readings, validation), validation)
     identities = int((~readings.held_out[np.unique(readings.identity)]).sum())
     return FitResult(trained, validation, history, len(readings), identities)
+
+
+def _train(
+    kind: Kind, readings: Readings, config: FitConfig, folder: Path, device: torch.device, progress: Progress
+) -> tuple[Head, History, Validation]:
+    torch.manual_seed(config.seed)
+    head = trainable_for(kind, readings, config)
+
+    def report(step: int, history: History) -> None:
+        note = f"error rate {min(history.error_rate):.3f}" if history.step else ""
+        progress.stage("train", step, config.steps, note)
+
+    history, validation = train(head, readings, config, folder, device=device, report=report)
+    progress.stage("train", history.step[-1], config.steps, f"error rate {validation.error_rate:.3f}")
+    return head, history, validation
 
 
 def _device(name: str) -> torch.device:
@@ -151,10 +172,12 @@ def _sources(
     tracked = [TrackedBoxes.of_sequence(sequence) for sequence in data.sequences]
     detector = _Detector(model, config.score, threads, progress)
     tracked += [TrackedBoxes.of_links(path.stem, path, detector.link(path)) for path in data.videos]
-    is_held = rng.permutation(len(tracked)) < (round(config.held_out * len(tracked)) or 1)
+    tracked = [boxes for boxes in tracked if len(boxes.frames)]
+    fit_for_it = [number for number, boxes in enumerate(tracked) if are_comparable(boxes.lifetimes())]
+    whole_ones = rng.permutation(fit_for_it)[: max(1, round(config.held_out * len(tracked)))]
     sources: list[Source] = []
     for number, boxes in enumerate(tracked):
-        whole = bool(is_held[number]) if len(tracked) >= _MANY_SEQUENCES else None
+        whole = bool(number in whole_ones) if len(tracked) >= _MANY_SEQUENCES else None
         held = _held_identities(boxes, whole, config.held_out, rng)
         seed = [config.seed, 1, number]
         sources.append(SequenceSource(boxes, metadata.size, frames=config.sequence_frames, held_out=held, seed=seed))
@@ -166,6 +189,7 @@ def _sources(
                 metadata.size,
                 views=config.views,
                 collages=config.collages,
+                variants=config.variants,
                 held_out=config.held_out,
                 seed=seed,
             )
@@ -174,12 +198,30 @@ def _sources(
 
 
 def _held_identities(boxes: TrackedBoxes, whole: bool | None, share: float, rng: Generator) -> NDArray[np.bool_]:
-    """Which identities of a sequence are kept for validation: all or none where there are many sequences."""
-    count = int(boxes.identities.max(initial=-1)) + 1
+    """Which identities of a sequence are kept for validation: all or none where there are many sequences.
+
+    Of tracks made by linking those around one moment are: they can be compared with each other, and other pieces of the
+    same objects, which are near in time too, are among them rather than among those that are trained on.
+    """
+    middle = boxes.spans().mean(axis=1)
+    count = len(middle)
     if whole is not None:
         return np.full(count, whole)
-    held = max(2, round(share * count)) if boxes.is_complete and count >= _FEWEST_IDENTITIES else round(share * count)
-    return np.asarray(rng.permutation(count) < held)
+    held = max(2, round(share * count)) if count >= _FEWEST_IDENTITIES else 0
+    order = rng.permutation(count)
+    if held and not boxes.is_complete:
+        order = order[np.argsort(np.abs(middle[order] - middle[order[0]]), kind="stable")]
+    return np.isin(np.arange(count), order[:held])
+
+
+def _refuse_too_few(identities: Sequence[int], sources: Sequence[Source]) -> None:
+    count = sum(identities)
+    if count < _FEWEST_IDENTITIES:
+        names = ", ".join(one_line(source.name) for source in sources)
+        raise ConfigError(
+            f"{names or 'nothing to learn from'}: {count} identities in all, expected at least {_FEWEST_IDENTITIES}; "
+            "give more data"
+        )
 
 
 class _Detector:
@@ -201,11 +243,11 @@ class _Detector:
         with open_video(path) as video:
             for frame in video:
                 frames.append((frame.index, frame.time_s, self._model.detect(frame)))
-                self._progress.stage(f"link {path.name}", len(frames), video.frame_count)
+                self._progress.stage(f"link {one_line(path.name)}", len(frames), video.frame_count)
         links = link_detections(frames)
         self._progress.say(
-            f"{path.name}: {links.tracks} tracks of {len(links.rows)} detections in {len(frames)} frames; left out "
-            f"{links.ambiguous} ambiguous ones and {links.short} in tracks that were too short"
+            f"{one_line(path.name)}: {links.tracks} tracks of {len(links.rows)} detections in {len(frames)} frames; "
+            f"cut {links.ambiguous} times for being ambiguous, {links.short} detections in tracks that were too short"
         )
         return links
 
@@ -213,15 +255,15 @@ class _Detector:
         """Stills whose pictures without labels have the detector's boxes."""
         if any(len(objects) for objects in stills.objects):
             return stills
-        found = []
+        found, name = [], one_line(stills.name)
         for index, path in enumerate(stills.pictures):
-            with open_video(path) as pictures:
-                detections = self._model.detect(next(iter(pictures)))
-            count = len(detections)
+            picture, factor = open_picture(path, self._model.size)
+            detections = self._model.detect(np.asarray(picture))
+            xyxy, count = (detections.xyxy / factor).astype(np.float32), len(detections)
             numbers = np.arange(count, dtype=np.int64)
-            found.append(LabelledObjects(detections.xyxy, numbers, detections.labels, np.ones(count, np.float32)))
-            self._progress.stage(f"detect in {stills.name}", index + 1, len(stills.pictures))
-        self._progress.say(f"{stills.name}: no labels; the detector found {sum(map(len, found))} objects")
+            found.append(LabelledObjects(xyxy, numbers, detections.labels, np.ones(count, np.float32)))
+            self._progress.stage(f"detect in {name}", index + 1, len(stills.pictures))
+        self._progress.say(f"{name}: no labels; the detector found {sum(map(len, found))} objects")
         return replace(stills, objects=tuple(found), classes=self._model.names)
 
 
@@ -234,27 +276,27 @@ def _read(
     threads: int,
     progress: Progress,
 ) -> Readings:
-    if not sources:
-        raise ConfigError("nothing to learn from: no labelled objects and no tracks; give more data")
+    done = total = 0
+
+    def report(now: int, of: int) -> None:
+        nonlocal done, total
+        done, total = now, of
+        progress.stage("read features", done, total)
+
     readings = read_features(
         sources,
         lambda: RowReader(model, kind.write_reading),
         folder / "features",
         workers=threads,
         limit_bytes=round(config.cache_gb * 1e9),
-        report=lambda done, total: progress.stage("read features", done, total),
+        report=report,
     )
-    progress.say(f"{len(readings)} readings of {len(np.unique(readings.identity))} identities")
+    seen = len(np.unique(readings.identity))
+    _refuse_too_few([seen], sources)
+    of_all = sum(source.task_count for source in sources)
+    limit = f"; for all {of_all} pictures cache_gb={config.cache_gb:g} is too small" if total < of_all else ""
+    progress.say(f"{len(readings)} readings of {seen} identities in {total} pictures{limit}")
     return readings
-
-
-def _check_identities(readings: Readings) -> None:
-    count = len(np.unique(readings.identity))
-    if count < _FEWEST_IDENTITIES:
-        raise ConfigError(
-            f"{', '.join(readings.names)}: {count} identities in all, expected at least {_FEWEST_IDENTITIES}; "
-            "give more data"
-        )
 
 
 def _about(config: FitConfig, data: FitData, readings: Readings, validation: Validation) -> dict[str, str]:
@@ -262,7 +304,7 @@ def _about(config: FitConfig, data: FitData, readings: Readings, validation: Val
     settings = ", ".join(f"{name}={value}" for name, value in asdict(config).items())
     names = [*(s.name for s in data.sequences), *(s.name for s in data.stills), *(path.name for path in data.videos)]
     return {
-        "data": ", ".join(names)[:5000],
+        "data": one_line(", ".join(names))[:5000],
         "settings": settings,
         "readings": str(len(readings)),
         "identities": str(len(np.unique(readings.identity))),
@@ -280,7 +322,8 @@ def _write(
     about: dict[str, str],
     validation: Validation,
 ) -> ModelMetadata:
-    info = DescriptorInfo(kind.name, DESCRIPTOR_SIZE, kind.layers, round(validation.threshold, 4))
+    threshold = max(round(validation.threshold, 4), _LEAST_THRESHOLD)
+    info = DescriptorInfo(kind.name, DESCRIPTOR_SIZE, kind.layers, threshold)
     trained = replace(metadata, descriptor=info, training=about, made_by=version("lookonce"))
     head.module.cpu().eval()
 

@@ -2,7 +2,7 @@
 
 Two detections of neighbouring frames are linked when they overlap much and neither overlaps anything else that could be
 meant. Whatever is ambiguous ends its track: a track that is cut in two costs little, a track of two objects poisons the
-training.
+training. An object that the detector reports twice, as two classes, counts once, with the better score.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ __all__ = ["LinkedRow", "Links", "link_detections"]
 
 _LEAST_OVERLAP = 0.5  # of a link
 _RIVAL_OVERLAP = 0.2  # a second candidate with more makes a link ambiguous
+_TWICE_OVERLAP = 0.6  # of two boxes with more, whatever their classes, the one with the lower score is dropped
 _SHORTEST_FRAMES = 5  # a track with fewer is as likely a false detection
 
 
@@ -49,7 +50,7 @@ class Links:
     Attributes:
         rows: by frame.
         tracks: how many tracks.
-        ambiguous: detections left out because more than one partner was possible.
+        ambiguous: how often a track was cut because something else could have been meant, or the overlap was small.
         short: detections left out because their track had fewer than 5 frames.
     """
 
@@ -63,7 +64,8 @@ def link_detections(frames: Iterable[tuple[int, float, Detections]]) -> Links:
     """Short pure tracks from detections in neighbouring frames.
 
     Args:
-        frames: index, time in seconds, and confident detections of each frame, in order.
+        frames: index, time in seconds, and confident detections of each frame, in order; neighbours are those that
+            follow each other here, so frames that nobody gives may lie between.
     """
     links = _Linker()
     for index, time_s, detections in frames:
@@ -79,6 +81,7 @@ class _Linker:
         self._ambiguous = 0
 
     def add(self, index: int, time_s: float, detections: Detections) -> None:
+        detections = _each_object_once(detections)
         same_class = self._before.labels[:, None] == detections.labels[None, :]
         overlap = np.where(same_class, iou(self._before.xyxy, detections.xyxy), 0)
         rivals = iou(detections.xyxy, detections.xyxy) > _RIVAL_OVERLAP
@@ -110,3 +113,13 @@ class _Linker:
             for row in track
         ]
         return Links(tuple(sorted(rows, key=lambda row: row.frame)), len(kept), self._ambiguous, short)
+
+
+def _each_object_once(detections: Detections) -> Detections:
+    """Detections without those that overlap a better one so much that both mean one object; the order is kept."""
+    is_twin = iou(detections.xyxy, detections.xyxy) > _TWICE_OVERLAP
+    kept: list[int] = []
+    for row in np.argsort(-detections.scores, kind="stable").tolist():
+        if not is_twin[row, kept].any():
+            kept.append(row)
+    return detections[np.array(sorted(kept), np.int64)]

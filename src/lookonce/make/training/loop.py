@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -24,10 +24,13 @@ from lookonce.make.training.batches import BatchSampler
 from lookonce.make.training.config import FitConfig
 from lookonce.make.training.readings import Readings
 from lookonce.make.training.validation import Validation, validate
+from lookonce.video.opening import one_line
 
 __all__ = ["History", "Trainable", "train"]
 
 _WARM_UP = 0.1  # share of the steps in which the learning rate rises
+_FEWEST_IDENTITIES = 2
+_UNIT_LENGTH_TOLERANCE = 1e-3
 _EVALUATE_ROWS = 2048
 
 
@@ -104,25 +107,29 @@ def train(
         The history, and the validation of the best weights.
 
     Raises:
-        ConfigError: the loss is not finite.
+        ConfigError: there are too few identities, the loss is not finite, or the checkpoint is damaged.
         OutputError: a checkpoint cannot be written.
     """
     module = trainable.module.to(device)
     optimizer = torch.optim.AdamW(module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     sampler = BatchSampler(readings, config.identities, config.rows, config.seed)
+    if len(sampler.groups) < _FEWEST_IDENTITIES:
+        raise ConfigError(
+            f"{len(sampler.groups)} identities to train on that are seen in two pictures, expected at least "
+            f"{_FEWEST_IDENTITIES}; give more data"
+        )
+    _validate(trainable, readings, 0, device)  # refuses too few held-out identities before the work is done
     state = _restore(module, optimizer, folder) or _State(0, History(), {})
     losses: list[float] = []
     while state.step < config.steps and not state.history.is_spent(config.patience):
         for group in optimizer.param_groups:
             group["lr"] = _learning_rate(state.step, config)
         rows = sampler(state.step)
+        torch.manual_seed((config.seed << 32) + state.step)  # a resumed run draws what an unbroken one would
         loss = trainable.loss(_values(readings, rows, device), rows)
         losses.append(loss.item())
         if not math.isfinite(losses[-1]):
-            raise ConfigError(
-                f"the loss is {losses[-1]} at step {state.step + 1}; lower learning_rate and go on with --resume "
-                f"from step {state.history.step[-1] if state.history.step else 0}"
-            )
+            raise _divergence(state.step + 1)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
@@ -133,7 +140,7 @@ def train(
             losses = []
             _keep(module, optimizer, state, folder)
     module.load_state_dict(state.best)
-    return state.history, validate(_describe_held_out(trainable, readings, device))
+    return state.history, _validate(trainable, readings, state.step, device)
 
 
 def _learning_rate(step: int, config: FitConfig) -> float:
@@ -147,7 +154,7 @@ def _learning_rate(step: int, config: FitConfig) -> float:
 def _look(
     trainable: Trainable, readings: Readings, config: FitConfig, state: _State, loss: float, device: torch.device
 ) -> None:
-    error_rate = validate(_describe_held_out(trainable, readings, device)).error_rate
+    error_rate = _validate(trainable, readings, state.step, device).error_rate
     state.history.step.append(state.step)
     state.history.loss.append(loss)
     state.history.error_rate.append(error_rate)
@@ -156,18 +163,21 @@ def _look(
         state.best = {name: value.detach().cpu().clone() for name, value in trainable.module.state_dict().items()}
 
 
-def _describe_held_out(trainable: Trainable, readings: Readings, device: torch.device) -> DescribedObjects:
+def _divergence(step: int) -> ConfigError:
+    return ConfigError(
+        f"the loss is not a finite number at step {step}; try a lower learning_rate (--overwrite begins again and "
+        "keeps the features), or another model file"
+    )
+
+
+def _validate(trainable: Trainable, readings: Readings, step: int, device: torch.device) -> Validation:
     rows = np.flatnonzero(readings.held_out[readings.identity])
-    trainable.module.eval()
-    parts = []
-    with torch.no_grad():
-        for start in range(0, len(rows), _EVALUATE_ROWS):
-            some = rows[start : start + _EVALUATE_ROWS]
-            parts.append(trainable.describe(_values(readings, some, device)).cpu().numpy())
-    trainable.module.train()
-    height = readings.height_px[rows].astype(np.float32)
-    return DescribedObjects(
-        descriptors=np.concatenate(parts),
+    descriptors = _describe(trainable, readings, rows, device)
+    if not (np.abs(np.linalg.norm(descriptors, axis=1) - 1) < _UNIT_LENGTH_TOLERANCE).all():  # also for NaN
+        raise _divergence(step)
+    height = readings.height_px[rows]
+    objects = DescribedObjects(
+        descriptors=descriptors,
         identities=readings.identity[rows],
         sequences=readings.source[rows],
         frames=readings.frame[rows],
@@ -175,6 +185,21 @@ def _describe_held_out(trainable: Trainable, readings: Readings, device: torch.d
         heights_px=height,
         widths_px=height,
     )
+    return validate(objects, readings.lifetime)
+
+
+def _describe(
+    trainable: Trainable, readings: Readings, rows: NDArray[np.int64], device: torch.device
+) -> NDArray[np.float32]:
+    """Descriptors (N, D) of some rows; (0, 1) of none."""
+    trainable.module.eval()
+    parts = []
+    with torch.no_grad():
+        for start in range(0, len(rows), _EVALUATE_ROWS):
+            some = rows[start : start + _EVALUATE_ROWS]
+            parts.append(trainable.describe(_values(readings, some, device)).cpu().numpy())
+    trainable.module.train()
+    return np.concatenate(parts) if parts else np.zeros((0, 1), np.float32)
 
 
 def _values(readings: Readings, rows: NDArray[np.int64], device: torch.device) -> dict[str, Tensor]:
@@ -206,23 +231,55 @@ def _restore(module: nn.Module, optimizer: torch.optim.Optimizer, folder: Path) 
     if not path.exists():
         return None
     try:
-        about = _read_about(path)
+        step, history = _read_about(path)
         tensors = load_file(path)
-        state = _State(int(about["step"]), History(**json.loads(about["history"])), _part(tensors, "best."))
+        parameters = dict(enumerate(module.parameters()))
+        weights = {name: value.shape for name, value in module.state_dict().items()}
+        best, moments = _part(tensors, "best."), _moments(tensors)
+        has_all = all(_shapes(part) == weights for part in (best, _part(tensors, "module.")))
+        has_all = has_all and moments.keys() == parameters.keys()
+        if not has_all or any(_shapes(moments[n]) != _moment_shapes(p) for n, p in parameters.items()):
+            raise ValueError("other weights")
         module.load_state_dict(_part(tensors, "module."))
-        moments: dict[int, dict[str, Any]] = {}
-        for name, value in _part(tensors, "optimizer.").items():
-            number, moment = name.split(".", 1)
-            moments.setdefault(int(number), {})[moment] = value
         optimizer.load_state_dict({**optimizer.state_dict(), "state": moments})
-    except (OSError, SafetensorError, KeyError, ValueError, TypeError, RuntimeError) as exc:
-        raise ConfigError(f"{path}: not a checkpoint of this run, or damaged; remove it or use --overwrite") from exc
-    return state
+    except (OSError, SafetensorError, KeyError, ValueError, TypeError, RuntimeError, RecursionError) as exc:
+        raise ConfigError(
+            f"{one_line(path)}: not a checkpoint of this run, or damaged; remove it and go on with --resume"
+        ) from exc
+    return _State(step, history, best)
 
 
-def _read_about(path: Path) -> dict[str, str]:
+def _read_about(path: Path) -> tuple[int, History]:
+    """Step and history of a checkpoint.
+
+    Raises:
+        ValueError: they make no sense.
+    """
     with safe_open(path, "pt") as file:
-        return dict(file.metadata() or {})
+        about = dict(file.metadata() or {})
+    step, history = int(about["step"]), History(**json.loads(about["history"]))
+    columns = [np.asarray(column, np.float64) for column in asdict(history).values()]
+    if any(column.shape != columns[0].shape or column.ndim != 1 for column in columns) or step not in history.step[-1:]:
+        raise ValueError("a history that makes no sense")
+    return step, history
+
+
+def _moments(tensors: Mapping[str, Tensor]) -> dict[int, dict[str, Tensor]]:
+    """What the optimizer keeps, by number of the parameter."""
+    moments: dict[int, dict[str, Tensor]] = {}
+    for name, value in _part(tensors, "optimizer.").items():
+        number, moment = name.split(".", 1)
+        moments.setdefault(int(number), {})[moment] = value
+    return moments
+
+
+def _moment_shapes(parameter: Tensor) -> dict[str, torch.Size]:
+    """What AdamW keeps of a parameter."""
+    return {"step": torch.Size(()), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
+
+
+def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, torch.Size]:
+    return {name: value.shape for name, value in tensors.items()}
 
 
 def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -6,27 +6,31 @@ chunk. Features are kept as float16; their last digits are noise beside what a s
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain, islice
+from functools import partial
+from itertools import chain, compress, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.errors import OutputError
+from lookonce.errors import ConfigError, OutputError
 from lookonce.make.descriptors.anchors import rows_of_boxes
 from lookonce.make.export.reopen import RowReader
+from lookonce.make.training.chunks import check_chunk, read_chunks, write_chunk
 from lookonce.make.training.sources import Canvas, Source, Task
+from lookonce.video.opening import one_line
 
 __all__ = ["Readings", "read_features"]
 
 CHUNK_TASKS = 64
-_FACTS = ("identity", "source", "frame", "height_px")
+_FACTS = {"identity": np.int64, "source": np.int64, "frame": np.int64, "height_px": np.float32}
+_VALUE = "value_"
+_GOLDEN = (5**0.5 - 1) / 2
+_LARGEST = float(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,41 +76,61 @@ def read_features(
 
     Args:
         sources: where the boxes come from.
-        open_reader: opens the model file; each worker has its own.
+        open_reader: opens the model file, when something is to be read.
         folder: for the chunks; those that are there already are not made again.
-        workers: detector passes side by side.
-        limit_bytes: on disk at most; beyond, no more is read and what there is must do.
+        workers: detector passes side by side; they do not change the result.
+        limit_bytes: on disk about; where all would take more, only every so many-th picture is read, of every source.
         report: called with tasks done and in all.
 
     Raises:
         OutputError: the disk is full or the folder cannot be written.
+        ConfigError: a chunk is damaged or not of this run.
         LookonceError: a source is wrong.
     """
     first_identity = np.cumsum([0, *(len(source.held_out) for source in sources)])
     total = sum(source.task_count for source in sources)
     _make(folder)
     files: list[Path] = []
-    size = done = 0
-    tasks = chain.from_iterable(_numbered(number, source) for number, source in enumerate(sources))
+    done = 0
+    tasks: Iterator[_Numbered] = chain.from_iterable(_numbered(n, source) for n, source in enumerate(sources))
+    reader: RowReader | None = None
     with ThreadPoolExecutor(workers) as pool:
-        readers = [open_reader() for _ in range(workers)]
         while chunk := list(islice(tasks, CHUNK_TASKS)):
             path = folder / f"chunk-{len(files):06d}.npz"
-            if not path.exists():
-                read = pool.map(_read_some, readers, [chunk[n::workers] for n in range(workers)])
-                rows = [row for parts in _interleave(list(read)) for row in parts]
-                _save(path, _joined(rows, first_identity))
+            if path.exists():
+                check_chunk(path)
+            else:
+                reader = reader or open_reader()
+                rows = [row for row in pool.map(partial(_read, reader), chunk) if row is not None]
+                write_chunk(path, _joined(rows, first_identity))
             files.append(path)
-            size += path.stat().st_size
             done += len(chunk)
+            if len(files) == 1:
+                share = _affordable_share(path, sources, limit_bytes)
+                is_taken = _taken(total - done, share)
+                tasks, total = compress(tasks, is_taken), done + sum(is_taken)
             report(done, total)
-            if size > limit_bytes:
-                break
-    return _load(files, sources)
+    return _load(files, sources, first_identity)
 
 
 _Numbered = tuple[int, Task]
 _Row = tuple[int, Canvas, dict[str, NDArray[Any]]]
+
+
+def _affordable_share(first: Path, sources: Sequence[Source], limit_bytes: int) -> float:
+    """The share of all rows that fits, judged by the rows of the first chunk."""
+    rows = len(read_chunks([first]).get("identity", ()))
+    expected = sum(source.row_count for source in sources) * first.stat().st_size / max(rows, 1)
+    return min(1.0, limit_bytes / max(expected, 1))
+
+
+def _taken(count: int, share: float) -> list[bool]:
+    """Which of the tasks to take, an even share of them.
+
+    Steps of the golden ratio fall in with no period: of tasks that come in pairs, such as frames as they are and
+    transformed, every second one would all be of one kind.
+    """
+    return [(index * _GOLDEN) % 1 < share for index in range(count)]
 
 
 def _numbered(number: int, source: Source) -> Iterator[_Numbered]:
@@ -114,36 +138,25 @@ def _numbered(number: int, source: Source) -> Iterator[_Numbered]:
         yield number, task
 
 
-def _read_some(reader: RowReader, tasks: Sequence[_Numbered]) -> list[list[_Row]]:
-    """For each task its canvas and what was read there; nothing where it shows no object."""
-    results: list[list[_Row]] = []
-    for number, task in tasks:
-        canvas = task()
-        if len(canvas.boxes):
-            rows = rows_of_boxes(reader.metadata, canvas.boxes)
-            results.append([(number, canvas, reader(canvas.pixels[None], rows))])
-        else:
-            results.append([])
-    return results
-
-
-def _interleave(parts: list[list[list[_Row]]]) -> Iterator[list[_Row]]:
-    """Results in the order of the tasks, which were dealt out like cards."""
-    longest = max((len(part) for part in parts), default=0)
-    for index in range(longest):
-        yield from (part[index] for part in parts if index < len(part))
+def _read(reader: RowReader, numbered: _Numbered) -> _Row | None:
+    """The canvas of a task and what was read there; None where it shows no object."""
+    number, task = numbered
+    canvas = task()
+    if not len(canvas.boxes):
+        return None
+    return number, canvas, reader(canvas.pixels[None], rows_of_boxes(reader.metadata, canvas.boxes))
 
 
 def _joined(rows: list[_Row], first_identity: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
     arrays: dict[str, list[NDArray[Any]]] = {name: [] for name in _FACTS}
     for number, canvas, read in rows:
         arrays["identity"].append(canvas.identities + first_identity[number])
-        arrays["source"].append(np.full(len(canvas.boxes), number))
+        arrays["source"].append(np.full(len(canvas.boxes), number, np.int64))
         arrays["frame"].append(canvas.frames)
         arrays["height_px"].append(canvas.heights_px)
         for name, values in read.items():
-            small = values.astype(np.float16) if values.dtype.kind == "f" else values
-            arrays.setdefault(f"value_{name}", []).append(small)
+            small = np.clip(values, -_LARGEST, _LARGEST).astype(np.float16) if values.dtype.kind == "f" else values
+            arrays.setdefault(f"{_VALUE}{name}", []).append(small)
     return {name: np.concatenate(parts) for name, parts in arrays.items() if parts}
 
 
@@ -154,37 +167,34 @@ def _make(folder: Path) -> None:
         raise OutputError(f"{folder}: cannot be made ({exc.strerror}); choose another place with -o") from exc
 
 
-def _save(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    unfinished = path.with_suffix(".unfinished")
-    try:
-        with open(unfinished, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-        os.replace(unfinished, path)
-    except OSError as exc:
-        with suppress(OSError):
-            unfinished.unlink()
-        raise OutputError(
-            f"{path.parent}: cannot keep the features ({exc.strerror}); make room and go on with --resume, "
-            "or lower --cache-gb"
-        ) from exc
-
-
-def _load(files: Sequence[Path], sources: Sequence[Source]) -> Readings:
-    parts: dict[str, list[NDArray[Any]]] = {}
-    for path in files:
-        with np.load(path, allow_pickle=False) as file:
-            for name in file.files:
-                parts.setdefault(name, []).append(file[name])
-    arrays = {name: np.concatenate(values) for name, values in parts.items()}
-    facts = {name: arrays.get(name, np.zeros(0, np.int64)) for name in _FACTS}
+def _load(files: Sequence[Path], sources: Sequence[Source], first_identity: NDArray[np.int64]) -> Readings:
+    columns = read_chunks(files)
+    facts = {name: columns.get(name, np.zeros(0, dtype)) for name, dtype in _FACTS.items()}
+    _check_facts(files[0].parent if files else Path(), facts, first_identity)
     return Readings(
-        values={name.removeprefix("value_"): array for name, array in arrays.items() if name.startswith("value_")},
+        values={name.removeprefix(_VALUE): column for name, column in columns.items() if name.startswith(_VALUE)},
         lifetime=np.concatenate([source.lifetimes for source in sources]),
         scene=_numbered_scenes(sources),
         held_out=np.concatenate([source.held_out for source in sources]),
         names=tuple(source.name for source in sources),
         **facts,
     )
+
+
+def _check_facts(folder: Path, facts: Mapping[str, NDArray[Any]], first_identity: NDArray[np.int64]) -> None:
+    """Refuse rows that this run's sources cannot have given."""
+    fits = all(facts[name].dtype == dtype and facts[name].ndim == 1 for name, dtype in _FACTS.items())
+    if fits and len(facts["source"]):
+        source, identity = facts["source"], facts["identity"]
+        fits = source.min() >= 0 and source.max() < len(first_identity) - 1
+        fits = fits and bool(((first_identity[source] <= identity) & (identity < first_identity[source + 1])).all())
+        fits = (
+            fits
+            and facts["frame"].min() >= 0
+            and bool(((facts["height_px"] > 0) & (facts["height_px"] < np.inf)).all())
+        )
+    if not fits:
+        raise ConfigError(f"{one_line(folder)}: not the features of this run; start again with --overwrite")
 
 
 def _numbered_scenes(sources: Sequence[Source]) -> NDArray[np.int64]:

@@ -6,42 +6,61 @@ import hashlib
 import json
 import os
 import platform
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from lookonce.datasets import LabelledObjects
 from lookonce.errors import ConfigError, OutputError
-from lookonce.make.training.config import FitConfig
+from lookonce.make.training.chunks import is_whole_chunk
 from lookonce.make.training.fit import FitData, FitResult
 from lookonce.make.training.loop import History
+from lookonce.video.opening import one_line
 
-__all__ = ["fingerprint", "open_run", "write_record"]
+__all__ = ["check_tensorboard", "fingerprint", "open_run", "write_curves_for_tensorboard", "write_record"]
 
-_PACKAGES = ("lookonce", "torch", "onnxruntime", "onnx-ir", "numpy", "pillow", "av")
+_PACKAGES = (
+    *("lookonce", "torch", "onnx-ir", "numpy", "pillow", "av"),
+    *("onnxruntime", "onnxruntime-gpu", "onnxruntime-openvino"),
+)
 _IDENTITY = "run.json"
 
 
 def fingerprint(data: FitData) -> dict[str, str]:
-    """A digest of each piece of data: its labels, and names and sizes of its pictures; of a video the whole file."""
+    """A digest of each piece of data: its labels, and names and sizes of its pictures; of a video the whole file.
+
+    Raises:
+        ConfigError: a file cannot be read.
+    """
     digests: dict[str, str] = {}
-    for sequence in data.sequences:
-        content = hashlib.sha256(str(sequence.pictures.name).encode())
+    for number, sequence in enumerate(data.sequences, 1):
+        content = hashlib.sha256(_digest(sequence.pictures).encode())
         for frame in sequence.frames:
-            content.update(
-                f"{frame.index}".encode() + frame.objects.xyxy.tobytes() + frame.objects.identities.tobytes()
-            )
-        digests[f"{sequence.layout} {sequence.name}"] = content.hexdigest()
-    for stills in data.stills:
+            content.update(f"{frame.index} {len(frame.objects)}".encode() + _labels(frame.objects))
+        digests[f"{sequence.layout} {number} {sequence.name}"] = content.hexdigest()
+    for number, stills in enumerate(data.stills, 1):
         content = hashlib.sha256()
         for path, objects in zip(stills.pictures, stills.objects, strict=True):
-            content.update(f"{path.name} {path.stat().st_size}".encode() + objects.xyxy.tobytes())
-        digests[f"stills {stills.name}"] = content.hexdigest()
-    for path in data.videos:
-        digests[f"video {path.name}"] = _digest(path)
+            content.update(_name_and_size(path) + _labels(objects))
+        digests[f"stills {number} {stills.name}"] = content.hexdigest()
+    for number, path in enumerate(data.videos, 1):
+        digests[f"video {number} {path.name}"] = _digest(path)
     return digests
+
+
+def _labels(objects: LabelledObjects) -> bytes:
+    return objects.xyxy.tobytes() + objects.identities.tobytes() + objects.visibility.tobytes()
+
+
+def _name_and_size(path: Path) -> bytes:
+    try:
+        return f"{path.name} {path.stat().st_size} ".encode(errors="replace")
+    except OSError as exc:
+        raise _unreadable(path, exc) from exc
 
 
 def _digest(path: Path) -> str:
@@ -49,47 +68,76 @@ def _digest(path: Path) -> str:
     try:
         if path.is_dir():
             for picture in sorted(path.iterdir()):
-                content.update(f"{picture.name} {picture.stat().st_size}".encode())
+                content.update(_name_and_size(picture))
             return content.hexdigest()
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as exc:
-        raise ConfigError(f"{path}: cannot be read ({exc.strerror}); check the path") from exc
+        raise _unreadable(path, exc) from exc
 
 
-def open_run(folder: Path, identity: dict[str, object], *, resume: bool, overwrite: bool) -> None:
+def _unreadable(path: Path, exc: OSError) -> ConfigError:
+    return ConfigError(f"{one_line(path)}: cannot be read ({exc.strerror}); check the path and its permissions")
+
+
+def open_run(folder: Path, identity: Mapping[str, object], *, resume: bool, overwrite: bool) -> None:
     """Make the folder of a run, or find the one of the same run that was interrupted.
+
+    A folder in which nothing has been made yet counts as empty: its run failed early.
 
     Args:
         folder: beside the model file to be written.
-        identity: all that the result depends on.
+        identity: all that the result depends on; features depend on all but ``settings``.
         resume: go on with what is there.
-        overwrite: throw away what is there.
+        overwrite: throw away what is there, except whole features that this run would make again.
 
     Raises:
         ConfigError: there is another run in the folder, or nothing to resume.
         OutputError: the folder cannot be written.
     """
     path, text = folder / _IDENTITY, json.dumps(identity, sort_keys=True, indent=1)
-    if overwrite and not resume:
-        for old in (*folder.glob("features/chunk-*.npz"), folder / "checkpoint.safetensors", path):
-            old.unlink(missing_ok=True)
-    if not path.exists():
-        if resume and folder.exists():
-            raise ConfigError(f"{folder}: nothing to go on with; run again without --resume")
-        _write(path, text)
-    elif not resume:
-        raise ConfigError(f"{folder}: there is a run already; go on with --resume, or replace it with --overwrite")
-    elif path.read_text(encoding="utf-8") != text:
-        raise ConfigError(
-            f"{folder}: that run had other data or settings; give the same, or replace it with --overwrite"
-        )
+    chunks, checkpoint = sorted(folder.glob("features/chunk-*.npz")), folder / "checkpoint.safetensors"
+    earlier = _read_identity(path)
+    shown = one_line(folder)
+    if resume and earlier is None:
+        raise ConfigError(f"{shown}: nothing to go on with; run again without --resume")
+    if resume and earlier != json.loads(text):
+        raise ConfigError(f"{shown}: that run had other data or settings; give the same, or begin with --overwrite")
+    if resume:
+        return
+    if (chunks or checkpoint.exists()) and not overwrite:
+        raise ConfigError(f"{shown}: there is a run already; go on with --resume, or replace it with --overwrite")
+    has_same_features = earlier is not None and _of_features(earlier) == _of_features(json.loads(text))
+    _remove(checkpoint)
+    for chunk in chunks:
+        if not (has_same_features and is_whole_chunk(chunk)):
+            _remove(chunk)
+    _write(path, text)
 
 
-def write_record(
-    folder: Path, result: FitResult, config: FitConfig, identity: dict[str, object], seconds: float
-) -> None:
-    """Write ``record.json`` and ``curves.png``.
+def _read_identity(path: Path) -> dict[str, object] | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _of_features(identity: dict[str, object]) -> dict[str, object]:
+    return {name: value for name, value in identity.items() if name != "settings"}
+
+
+def _remove(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as exc:
+        raise OutputError(
+            f"{one_line(path)}: cannot be removed ({exc.strerror}); choose another place with -o"
+        ) from exc
+
+
+def write_record(folder: Path, result: FitResult, identity: Mapping[str, object], seconds: float) -> None:
+    """Write ``record.json`` (what made the model file, and how well it went) and ``curves.png``.
 
     Raises:
         OutputError: they cannot be written.
@@ -101,12 +149,19 @@ def write_record(
         "identities": result.identities,
         "validation": asdict(result.validation),
         "history": asdict(result.history),
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "versions": _versions(),
         "machine": platform.machine(),
-        "config": asdict(config),
     }
     _write(folder / "record.json", json.dumps(about, indent=1, sort_keys=True))
     _draw_curves(folder / "curves.png", result.history)
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        with suppress(PackageNotFoundError):  # one of the onnxruntime is installed
+            versions[name] = version(name)
+    return versions
 
 
 def _draw_curves(path: Path, history: History) -> None:
@@ -139,16 +194,22 @@ def _write(path: Path, text: str) -> None:
         raise OutputError(f"{path}: cannot be written ({exc.strerror}); choose another place with -o") from exc
 
 
-def write_curves_for_tensorboard(folder: Path, history: History) -> None:
-    """Write the curves as TensorBoard events.
+def check_tensorboard() -> None:
+    """Look whether the package tensorboard is there, before the work is done.
 
     Raises:
-        ConfigError: the package tensorboard is not installed.
+        ConfigError: it is not installed.
     """
     try:
-        from torch.utils.tensorboard import SummaryWriter
+        import torch.utils.tensorboard  # noqa: F401
     except ModuleNotFoundError as exc:
         raise ConfigError("--tensorboard needs the package tensorboard; pip install tensorboard") from exc
+
+
+def write_curves_for_tensorboard(folder: Path, history: History) -> None:
+    """Write the curves as TensorBoard events."""
+    from torch.utils.tensorboard import SummaryWriter
+
     with SummaryWriter(folder) as writer:
         for number, step in enumerate(history.step):
             for name in ("loss", "error_rate", "learning_rate"):

@@ -15,24 +15,32 @@ from typing import Protocol
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 
-from lookonce.datasets import LabelledSequence, LabelledStills
-from lookonce.errors import FormatError, VideoError
+from lookonce.datasets import LabelledObjects, LabelledSequence
+from lookonce.errors import VideoError
 from lookonce.letterbox import Letterboxer
-from lookonce.make.training.augment import View, collage, jitter_boxes, view
+from lookonce.make.training.augment import View, jitter_boxes, view
 from lookonce.make.training.linking import Links
 from lookonce.video import Frame, open_video
+from lookonce.video.opening import one_line
 
-__all__ = ["Canvas", "SequenceSource", "Source", "StillsSource", "Task", "TrackedBoxes"]
+__all__ = [
+    "ALWAYS",
+    "Canvas",
+    "SequenceSource",
+    "Source",
+    "Task",
+    "TrackedBoxes",
+    "canvas_of_view",
+    "coexist",
+]
+
+ALWAYS = (0, 2**31 - 1)
+"""The lifetime of an object that is surely another than all others."""
 
 _LEAST_SIDE_PX = 6.0  # of a box on the canvas: below, the finest map has a cell or two of it
 _LEAST_VISIBLE = 0.6
-_OBJECTS_A_COLLAGE = 24
-_OBJECTS_A_STILL = 16  # more of one picture add little
-_CROP_HEIGHT_PX = 140.0  # of objects that are kept for collages, at least where they are as large
-_ORIENTATION = 0x0112  # EXIF tag; 5 to 8 lie on their side
-_ALWAYS = (0, 2**31 - 1)  # alive in all frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +75,8 @@ class Source(Protocol):
     Attributes:
         name: for messages.
         task_count: how many tasks there are.
-        lifetimes: by identity the first and last frame in which it exists; two identities are surely different objects
-            only where these overlap.
+        row_count: about how many objects they show in all.
+        lifetimes: by identity the first and last frame in which it exists, see ``coexist``.
         scenes: by identity the scene it belongs to, numbered from 0: identities of one scene were seen side by side.
         held_out: identities kept for validation.
     """
@@ -81,6 +89,11 @@ class Source(Protocol):
     @property
     def task_count(self) -> int:
         """How many tasks there are."""
+        ...
+
+    @property
+    def row_count(self) -> int:
+        """About how many objects the tasks show in all."""
         ...
 
     @property
@@ -101,6 +114,15 @@ class Source(Protocol):
     def tasks(self) -> Iterator[Task]:
         """All tasks in order."""
         ...
+
+
+def coexist(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether lifetimes (..., 2), first and last frame, overlap: then two identities are surely two objects.
+
+    Tracks made by linking may be pieces of one object; two that were alive at once are not.
+    """
+    overlap: NDArray[np.bool_] = np.minimum(a[..., 1], b[..., 1]) >= np.maximum(a[..., 0], b[..., 0])
+    return overlap
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,15 +150,16 @@ class TrackedBoxes:
 
     @classmethod
     def of_sequence(cls, sequence: LabelledSequence) -> TrackedBoxes:
-        """The truth of a labelled sequence."""
-        count = [len(frame.objects) for frame in sequence.frames]
-        identities = np.concatenate([frame.objects.identities for frame in sequence.frames])
+        """The truth of a labelled sequence, without boxes that show more of other objects than of their own."""
+        seen = [(frame.index, frame.objects[frame.objects.visibility >= _LEAST_VISIBLE]) for frame in sequence.frames]
+        objects = [objects for _, objects in seen] or [LabelledObjects.empty()]
+        identities = np.concatenate([of_frame.identities for of_frame in objects])
         return cls(
             sequence.name,
             sequence.pictures,
             sequence.fps,
-            np.repeat([frame.index for frame in sequence.frames], count).astype(np.int64),
-            np.concatenate([frame.objects.xyxy for frame in sequence.frames]),
+            np.concatenate([np.full(len(of_frame), index, np.int64) for index, of_frame in seen] or [identities]),
+            np.concatenate([of_frame.xyxy for of_frame in objects]),
             np.unique(identities, return_inverse=True)[1].astype(np.int64),
             is_complete=True,
         )
@@ -153,6 +176,18 @@ class TrackedBoxes:
             np.array([row.track for row in links.rows], np.int64),
             is_complete=False,
         )
+
+    def lifetimes(self) -> NDArray[np.int64]:
+        """By identity, (identities, 2), see ``coexist``: whole ones of true tracks, of linked ones their spans."""
+        spans = self.spans()
+        return np.full_like(spans, ALWAYS) if self.is_complete else spans
+
+    def spans(self) -> NDArray[np.int64]:
+        """By identity the first and last frame with a box of it, (identities, 2)."""
+        spans = np.tile(np.array([ALWAYS[1], 0], np.int64), (int(self.identities.max(initial=-1)) + 1, 1))
+        np.minimum.at(spans[:, 0], self.identities, self.frames)
+        np.maximum.at(spans[:, 1], self.identities, self.frames)
+        return spans
 
 
 class SequenceSource:
@@ -182,13 +217,9 @@ class SequenceSource:
         even = np.linspace(0, len(present) - 1, min(frames, len(present))).round().astype(int)
         self._chosen = present[np.unique(even)]
         self.task_count = 2 * len(self._chosen)
+        self.row_count = 2 * int(np.isin(tracked.frames, self._chosen).sum())
         self.scenes = np.zeros(len(held_out), np.int64)
-        self.lifetimes = np.tile(np.array(_ALWAYS, np.int64), (len(held_out), 1))
-        if not tracked.is_complete:
-            self.lifetimes[:, 0] = _ALWAYS[1]
-            np.minimum.at(self.lifetimes[:, 0], tracked.identities, tracked.frames)
-            self.lifetimes[:, 1] = 0
-            np.maximum.at(self.lifetimes[:, 1], tracked.identities, tracked.frames)
+        self.lifetimes = tracked.lifetimes()
 
     def tasks(self) -> Iterator[Task]:
         """Two for each chosen frame.
@@ -210,8 +241,8 @@ class SequenceSource:
                     break
         if wanted:
             raise VideoError(
-                f"{self._tracked.pictures}: has no frame {min(wanted)} (counted from 0), for which {self.name} has"
-                f" boxes ({len(wanted)} such frames); give the pictures that belong to the truth"
+                f"{one_line(self._tracked.pictures)}: has no frame {min(wanted)} (counted from 0), for which "
+                f"{one_line(self.name)} has boxes ({len(wanted)} such frames); give the pictures that belong to them"
             )
 
     def _boxes(self, index: int) -> NDArray[np.float32]:
@@ -230,117 +261,17 @@ class SequenceSource:
         rows = self._tracked.frames == frame.index
         identities = self._tracked.identities[rows]
         seen = view(Image.fromarray(frame.image), self._tracked.xyxy[rows].astype(np.float64), self._size, rng)
-        is_usable = (seen.visible >= _LEAST_VISIBLE) & ~self.held_out[identities]
-        return _canvas_of_view(seen, identities, np.full(len(identities), frame.index), is_usable, rng)
+        is_wanted = ~self.held_out[identities]
+        return canvas_of_view(seen, identities, np.full(len(identities), frame.index), is_wanted, rng)
 
 
-@dataclass(frozen=True, slots=True)
-class _Object:
-    """A labelled box of a still: where it is, and its picture once it has been cut out."""
-
-    picture: int
-    box: NDArray[np.float64]
-    identity: int
-
-
-class StillsSource:
-    """Stills, each box its own identity: views of whole pictures, and collages of objects of many.
-
-    Args:
-        stills: pictures with boxes.
-        size: of the network's input (height, width) in px.
-        views: of each picture.
-        collages: how often each object is put into a collage.
-        held_out: share of the pictures whose objects are kept for validation.
-        seed: of all choices.
-    """
-
-    def __init__(
-        self,
-        stills: LabelledStills,
-        size: tuple[int, int],
-        *,
-        views: int,
-        collages: int,
-        held_out: float,
-        seed: Sequence[int],
-    ) -> None:
-        self.name = stills.name
-        self._stills, self._size, self._views, self._seed = stills, size, views, tuple(seed)
-        rng = np.random.default_rng([*self._seed, 0])
-        self._objects: list[_Object] = []
-        self._of_picture: list[list[_Object]] = []
-        is_held_picture = rng.random(len(stills.pictures)) < held_out
-        for index, objects in enumerate(stills.objects):
-            chosen = [_Object(index, box, 0) for box in self._choose(objects.xyxy, stills.pictures[index], rng)]
-            numbered = [_Object(o.picture, o.box, len(self._objects) + n) for n, o in enumerate(chosen)]
-            self._of_picture.append(numbered)
-            self._objects += numbered
-        self.held_out = np.array([is_held_picture[o.picture] for o in self._objects], bool)
-        self.lifetimes = np.tile(np.array(_ALWAYS, np.int64), (len(self._objects), 1))
-        self.scenes = np.array([o.picture for o in self._objects], np.int64)
-        self._shown = [index for index, objects in enumerate(self._of_picture) if objects]
-        self._collages = [part for number in range(collages) for part in self._shuffled(number)]
-        self._cut: dict[int, tuple[Image.Image, NDArray[np.float64]]] = {}
-        self.task_count = len(self._shown) * views + len(self._collages)
-
-    def _choose(self, xyxy: NDArray[np.float32], path: Path, rng: Generator) -> NDArray[np.float64]:
-        boxes = xyxy.astype(np.float64)
-        return boxes[np.sort(rng.permutation(len(boxes))[:_OBJECTS_A_STILL])]
-
-    def _shuffled(self, number: int) -> list[list[int]]:
-        """All identities in random parts; those for validation among themselves."""
-        rng = np.random.default_rng([*self._seed, 1, number])
-        parts = []
-        for is_held in (False, True):
-            order = rng.permutation(np.flatnonzero(self.held_out == is_held))
-            parts += [
-                order[start : start + _OBJECTS_A_COLLAGE].tolist() for start in range(0, len(order), _OBJECTS_A_COLLAGE)
-            ]
-        return parts
-
-    def tasks(self) -> Iterator[Task]:
-        """Views, picture by picture; then collages.
-
-        Raises:
-            FormatError: a picture is damaged.
-        """
-        for index in self._shown:
-            yield from (partial(self._view, index, number) for number in range(self._views))
-        for number, part in enumerate(self._collages):
-            yield partial(self._collage, number, part)
-
-    def _view(self, index: int, number: int) -> Canvas:
-        rng = np.random.default_rng([*self._seed, 2, index, number])
-        picture, factor = _open_picture(self._stills.pictures[index], self._size)
-        objects = self._of_picture[index]
-        boxes = np.array([o.box for o in objects]).reshape(-1, 4) * factor
-        seen = view(picture, boxes, self._size, rng)
-        identities = np.array([o.identity for o in objects], np.int64)
-        return _canvas_of_view(seen, identities, np.full(len(objects), number), seen.visible >= _LEAST_VISIBLE, rng)
-
-    def _collage(self, number: int, part: Sequence[int]) -> Canvas:
-        rng = np.random.default_rng([*self._seed, 3, number])
-        background, _ = _open_picture(self._stills.pictures[rng.integers(len(self._stills.pictures))], self._size)
-        seen = collage(background, [self._cut_out(identity) for identity in part], self._size, rng)
-        frames = np.full(len(part), self._views + number)
-        return _canvas_of_view(seen, np.array(part, np.int64), frames, seen.visible >= _LEAST_VISIBLE, rng)
-
-    def _cut_out(self, identity: int) -> tuple[Image.Image, NDArray[np.float64]]:
-        """The object with some surroundings, small enough to be kept, and its box in that."""
-        if identity not in self._cut:
-            found = self._objects[identity]
-            picture, factor = _open_picture(self._stills.pictures[found.picture], self._size)
-            for other in self._of_picture[found.picture]:
-                self._cut[other.identity] = _crop(picture, other.box * factor)
-        return self._cut[identity]
-
-
-def _canvas_of_view(
-    seen: View, identities: NDArray[np.int64], frames: NDArray[np.int64], is_usable: NDArray[np.bool_], rng: Generator
+def canvas_of_view(
+    seen: View, identities: NDArray[np.int64], frames: NDArray[np.int64], is_wanted: NDArray[np.bool_], rng: Generator
 ) -> Canvas:
+    """A view with those objects that are wanted, large enough and visible; boxes shifted as a detector's are."""
     boxes = np.nan_to_num(seen.boxes)
-    is_usable = is_usable & ((boxes[:, 2:] - boxes[:, :2]).min(axis=1, initial=np.inf) >= _LEAST_SIDE_PX)
+    is_large = (boxes[:, 2:] - boxes[:, :2]).min(axis=1, initial=np.inf) >= _LEAST_SIDE_PX
+    is_usable = is_wanted & is_large & (seen.visible >= _LEAST_VISIBLE)
     return _canvas(seen.canvas, jitter_boxes(boxes, rng), identities, frames, is_usable)
 
 
@@ -352,34 +283,3 @@ def _canvas(
     is_usable: NDArray[np.bool_],
 ) -> Canvas:
     return Canvas(pixels, boxes[is_usable], identities[is_usable], frames[is_usable].astype(np.int64))
-
-
-def _crop(picture: Image.Image, box: NDArray[np.float64]) -> tuple[Image.Image, NDArray[np.float64]]:
-    margin = 0.2 * (box[2:] - box[:2])
-    outer = np.concatenate([np.floor(box[:2] - margin), np.ceil(box[2:] + margin)])
-    outer = np.clip(outer, 0, np.tile(picture.size, 2)).astype(int)
-    crop, inner = picture.crop(tuple(outer.tolist())), box - np.tile(outer[:2], 2)
-    shrink = int((inner[3] - inner[1]) // _CROP_HEIGHT_PX)
-    if shrink > 1:
-        small = crop.reduce(shrink)
-        inner = inner * np.tile(np.array(small.size) / crop.size, 2)
-        crop = small
-    return crop, inner
-
-
-def _open_picture(path: Path, size: tuple[int, int]) -> tuple[Image.Image, NDArray[np.float64]]:
-    """The picture upright in RGB, shrunk where it is much larger than the network's input; and (4,) how much."""
-    try:
-        with Image.open(path) as file:
-            upright_size = file.size
-            file.draft("RGB", (2 * size[1], 2 * size[0]))
-            picture = ImageOps.exif_transpose(file).convert("RGB")
-            if file.getexif().get(_ORIENTATION, 1) >= 5:
-                upright_size = upright_size[::-1]
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as exc:
-        raise FormatError(path, 0, f"not a picture, or damaged ({str(exc).splitlines()[0]:.80}); remove it") from exc
-    shrink = int(min(picture.width / size[1], picture.height / size[0]) // 2)
-    if shrink > 1:
-        picture = picture.reduce(shrink)
-    factor = np.array(picture.size) / upright_size
-    return picture, np.tile(factor, 2)

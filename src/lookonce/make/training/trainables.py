@@ -24,7 +24,7 @@ from lookonce.model import ModelMetadata
 
 __all__ = ["Head", "Kind", "kind_of", "trainable_for"]
 
-_ROWS_FOR_STATISTICS = 8192
+_ROWS_FOR_STATISTICS = 2048  # of 32 points each; more would take much memory and change little
 
 Kind = CompactKind | PaperKind
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lookonce.errors import ConfigError
-from lookonce.evaluation import DescribedObjects, equal_error_rate, pair_distances
+from lookonce.evaluation import DescribedObjects, PairDistances, equal_error_rate
+from lookonce.evaluation.retrieval.pairs import count_pairs
+from lookonce.make.training.sources import coexist
 
-__all__ = ["Validation", "validate"]
+__all__ = ["Validation", "are_comparable", "check_comparable", "validate"]
 
 _ANY_GAP = 2**31 - 1
 
@@ -31,21 +35,62 @@ class Validation:
     pairs: int
 
 
-def validate(objects: DescribedObjects) -> Validation:
-    """Compare all pairs of different frames or views within each source.
+def validate(objects: DescribedObjects, lifetimes: NDArray[np.int64]) -> Validation:
+    """Compare all pairs of different frames or views within each source of which it is known what they are.
+
+    Args:
+        objects: held-out rows; ``sequences`` are the sources.
+        lifetimes: (identities, 2) by identity, see ``coexist``.
 
     Raises:
         ConfigError: no source has pairs of both kinds.
     """
     rates, thresholds, pairs = [], [], 0
     for source in np.unique(objects.sequences):
-        found = pair_distances(objects[objects.sequences == source], 1, _ANY_GAP)
+        found = _known_pairs(objects[objects.sequences == source], lifetimes)
         rate, threshold = equal_error_rate(found)
         if np.isfinite(rate):
             rates.append(rate)
             thresholds.append(threshold)
             pairs += found.genuine_count + found.impostor_count
     if not rates:
-        raise ConfigError("too few identities to hold some out for validation; at least two with two pictures each")
+        raise _too_few()
     identities = len(np.unique(objects.identities))
     return Validation(float(np.mean(rates)), float(np.mean(thresholds)), identities, pairs)
+
+
+def check_comparable(lifetimes: Sequence[NDArray[np.int64]]) -> None:
+    """Look whether some source has two held-out identities to compare, before any work is done.
+
+    Args:
+        lifetimes: of each source those of its held-out identities, (identities, 2).
+
+    Raises:
+        ConfigError: none has.
+    """
+    if not any(are_comparable(lives) for lives in lifetimes):
+        raise _too_few()
+
+
+def are_comparable(lifetimes: NDArray[np.int64]) -> bool:
+    """Whether any two of these lives (identities, 2) coexist."""
+    lives = lifetimes[np.argsort(lifetimes[:, 0], kind="stable")]
+    return bool((lives[1:, 0] <= np.maximum.accumulate(lives[:-1, 1])).any())
+
+
+def _too_few() -> ConfigError:
+    return ConfigError(
+        "too few identities to hold some out for validation: expected at least two, seen together, with two pictures "
+        "each; give more data"
+    )
+
+
+def _known_pairs(objects: DescribedObjects, lifetimes: NDArray[np.int64]) -> PairDistances:
+    """Pairs of one identity, and of two that are surely two objects."""
+
+    def is_unknown(queries: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
+        a, b = objects.identities[queries], objects.identities[others]
+        return (~coexist(lifetimes[a], lifetimes[b])).astype(np.int64)
+
+    known, _ = count_pairs(objects, 1, _ANY_GAP, is_unknown, group_count=2)
+    return known
