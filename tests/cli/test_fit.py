@@ -448,18 +448,12 @@ def test_ctrl_c_keeps_what_was_made_and_resume_goes_on(lookonce, square_model, t
 
 def test_file_size_limit_in_mid_features_is_one_line_and_resumable(lookonce, square_model, tmp_path):
     """A real refusal of the operating system, in place of a disk that is really full."""
-    resource = pytest.importorskip("resource")
+    pytest.importorskip("resource")
     stills = write_stills(tmp_path / "stills", range(6))
     arguments = ["fit", "--stills", stills, "-m", square_model, "-o", tmp_path / "o.onnx", *FAST]
-    command = [*COMMAND, *map(str, arguments)]
-    limited = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        env=PLAIN,
-        timeout=60,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)),
-    )
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)); "
+    command = [sys.executable, "-c", limit + COMMAND[-1], *map(str, arguments)]
+    limited = subprocess.run(command, capture_output=True, text=True, env=PLAIN, timeout=60)
     assert_one_line(limited, 1, "features", "too large", "--resume")
     assert list((tmp_path / "o.fit" / "features").iterdir()) == []
     assert lookonce(*arguments, "--resume").returncode == 0

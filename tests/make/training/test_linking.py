@@ -65,6 +65,23 @@ def test_two_candidates_end_the_track():
     assert [len(track) for track in boxes_by_track(links).values()] == [5, 5, 5]
 
 
+def test_one_object_in_place_of_two_ends_both_tracks():
+    before = [make_detections([[0, 0, 20, 12], [0, 13, 20, 20]])] * 5
+    after = [make_detections([[0, 0, 20, 20]])] * 5
+    links = link_detections(in_frames(*before, *after))
+    assert links.ambiguous == 1
+    assert [len(track) for track in boxes_by_track(links).values()] == [5, 5, 5]
+
+
+def test_an_object_that_is_overlapped_is_not_linked():
+    """Something new stands before it: the box may be that of either."""
+    before = [make_detections([[0, 0, 20, 20]])] * 5
+    after = [make_detections([[6, 0, 26, 20], [17, 0, 37, 20]])] + [make_detections([[6, 0, 26, 20]])] * 5
+    links = link_detections(in_frames(*before, *after))
+    assert (links.ambiguous, links.short) == (2, 2)  # when it comes, and when it is gone again
+    assert list(boxes_by_track(links).values()) == [[0.0] * 5, [6.0] * 5]
+
+
 def test_a_jump_with_little_overlap_ends_the_track():
     scene = [make_detections([moving(0, 0, n)]) for n in range(5)] + [
         make_detections([moving(8, 0, n)]) for n in range(5)
