@@ -20,6 +20,7 @@ __all__ = ["StillsSource"]
 
 _OBJECTS_A_COLLAGE = 24
 _OBJECTS_A_STILL = 16  # more of one picture add little
+_MOST_CUT_BYTES = 400_000_000  # of objects kept for collages; others are cut out again each time
 _CROP_HEIGHT_PX = 140.0  # of objects that are kept for collages, at least where they are as large
 _FEWEST_HELD_OUT = 2  # identities; one alone has no other to be mistaken for
 
@@ -85,6 +86,7 @@ class StillsSource:
         self.held_out = self._hold_out(held_out, rng)
         self._collages = [part for number in range(collages) for part in self._shuffled(number)]
         self._cut: dict[int, tuple[Image.Image, NDArray[np.float64]]] = {}
+        self._cut_bytes = 0
         self.task_count = len(self._shown) * views + len(self._collages)
         self.row_count = sum(map(len, self._of_picture)) * views + len(self._objects) * collages
 
@@ -142,11 +144,14 @@ class StillsSource:
     def _cut_out(self, identity: int) -> tuple[Image.Image, NDArray[np.float64]]:
         """The object with some surroundings, small enough to be kept, and its box in that."""
         shown = self._objects[identity]
-        if shown.original not in self._cut:
+        if shown.original in self._cut:
+            crop, box = self._cut[shown.original]
+        else:
             picture, factor = open_picture(self._stills.pictures[shown.picture], self._size)
-            for other in self._of_picture[shown.picture]:
-                self._cut[other.identity] = _crop(picture, other.box * factor)
-        crop, box = self._cut[shown.original]
+            crop, box = _crop(picture, shown.box * factor)
+            if self._cut_bytes < _MOST_CUT_BYTES:
+                self._cut[shown.original] = crop, box
+                self._cut_bytes += 3 * crop.width * crop.height
         if identity != shown.original:
             crop = other_colours(crop, np.random.default_rng([*self._seed, 4, identity]))
         return crop, box
