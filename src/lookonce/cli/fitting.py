@@ -25,13 +25,21 @@ __all__ = ["fit_command"]
 _EXAMPLES = """
 [bold]Examples[/bold]
 
-  lookonce fit MOT17/train -m model.onnx -o model+id.onnx              (MOTChallenge, UA-DETRAC, KITTI, CVAT)
+  Labelled sequences (MOTChallenge, UA-DETRAC, KITTI, CVAT):
 
-  lookonce fit --stills pictures/ -m model.onnx -o model+id.onnx       (YOLO labels, or none: the detector looks)
+  lookonce fit MOT17/train -m model.onnx -o model+id.onnx
 
-  lookonce fit --video street.mp4 --video shop.mp4 -m model.onnx -o model+id.onnx      (no labels at all)
+  Stills with YOLO labels, or without: then the detector looks:
 
-  lookonce fit seq1/ --stills pictures/ --video street.mp4 -m model.onnx -o model+id.onnx --config fit.toml --seed 1
+  lookonce fit --stills pictures/ -m model.onnx -o model+id.onnx
+
+  Unlabelled video:
+
+  lookonce fit --video street.mp4 --video shop.mp4 -m model.onnx -o m+id.onnx
+
+  Any mixture, settings from a file:
+
+  lookonce fit seq1/ --stills pictures/ -m model.onnx -o m+id.onnx --config fit.toml
 
 [bold]Afterwards[/bold]  lookonce probe model+id.onnx DATA tells how far the descriptors can be trusted.
 """
