@@ -82,30 +82,14 @@ def test_boxes_of_collages_follow_the_pixels(canvas, enlarged):
         if np.isnan(seen.boxes[0, 0]):
             assert seen.visible[0] == 0
             continue
-        if seen.visible[0] < 1:  # something was put before it
-            continue
+        assert seen.visible[0] == 1
         rows, columns = np.nonzero(magenta(seen.canvas))
         extent = seen.boxes[0, 2:] - seen.boxes[0, :2]
         middle = (seen.boxes[0, :2] + seen.boxes[0, 2:]) / 2
         assert (np.abs([columns.mean() + 0.5, rows.mean() + 0.5] - middle) < 0.1 * extent + 1).all(), seed
         assert overlap(magenta(seen.canvas), seen.boxes[0]) > 0.7, seed
         placed += 1
-    assert placed > len(SEEDS) // 3
-
-
-def test_visible_share_of_a_covered_object_is_what_shows():
-    """Without noise, blur and JPEG an object in a collage is magenta where it shows, and nowhere else."""
-    picture, covered = picture_with((0, 0, 60, 80), (60, 80)), 0
-    for seed in range(60):
-        seen = collage(
-            picture_with((0, 0, 0, 0)), [(picture, np.array([0.0, 0, 60, 80]))], (96, 96), np.random.default_rng(seed)
-        )
-        if not 0 < seen.visible[0] < 0.9:
-            continue
-        x1, y1, x2, y2 = seen.boxes[0].astype(int)
-        shown = magenta(seen.canvas)[y1:y2, x1:x2].mean()
-        covered += abs(shown - seen.visible[0]) < 0.25
-    assert covered > 3
+    assert placed > len(SEEDS) // 2
 
 
 def test_boxes_stay_inside_the_canvas():
@@ -171,6 +155,7 @@ def test_crowded_collages_leave_objects_out_and_tell_what_is_covered():
     assert (seen.visible[~has_place] == 0).all()
     assert (seen.visible[has_place] <= 1).all()
     assert (seen.visible[has_place] < 1).any()
+    assert seen.visible[np.flatnonzero(has_place)[-1]] == 1  # the last one covers, and nothing covers it
 
 
 def test_objects_larger_than_the_canvas_have_no_place():

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -25,7 +24,6 @@ _Floats = NDArray[np.float64]
 _ZOOM = (0.55, 1.7)  # of a view, against the letterboxed picture
 _HEIGHTS_PX = (18, 130)  # of objects in a collage
 _MARGIN = 0.12  # cut around an object, share of its size
-_COVERED = 0.35  # share of the objects that something is put before
 _PLACE_TRIES = 12
 _MOST_COVERED = 0.3  # an object is not placed where it would cover more of another
 
@@ -72,7 +70,7 @@ def view(picture: Image.Image, boxes: _Floats, size: tuple[int, int], rng: Gener
     half = (boxes[:, 2:] - boxes[:, :2]) * scale / 2
     moved = np.concatenate([centres - half, centres + half], axis=1)
     canvas = _to_pixels(_add_noise(_recolour(np.asarray(image, np.float32), rng), rng))
-    for box in moved[rng.random(len(moved)) < _COVERED]:
+    for box in moved[rng.random(len(moved)) < 0.25]:
         _cover_(canvas, box, rng)
     limits = np.array([width, height, width, height])
     cut = np.clip(moved, 0, limits)
@@ -109,8 +107,6 @@ def collage(
         boxes[index] = cut.box + np.tile(corner_px, 2)
         x1, y1, x2, y2 = boxes[index].astype(int)
         owner[y1:y2, x1:x2] = index
-    for box in boxes[(rng.random(len(objects)) < _COVERED) & ~np.isnan(boxes[:, 0])]:
-        owner[_cover_(canvas, box, rng)] = -1
     image = Image.fromarray(_to_pixels(canvas))
     if rng.random() < 0.4:
         image = image.filter(ImageFilter.GaussianBlur(rng.uniform(0.3, 1.0)))
@@ -279,33 +275,23 @@ def _add_noise(pixels: NDArray[np.float32], rng: Generator) -> NDArray[np.float3
     return pixels
 
 
-def _cover_(canvas: NDArray[Any], box: _Floats, rng: Generator) -> tuple[slice, slice]:
-    """Puts something before a box, in place: another part of the canvas, or a sign of one colour; gives where.
-
-    It hides one side of the box, or stands before it as a pole or a sign does.
-    """
+def _cover_(canvas: NDArray[np.uint8], box: _Floats, rng: Generator) -> None:
+    """Puts another part of the canvas over one side of a box, in place."""
     height, width = canvas.shape[:2]
-    (x1, y1, x2, y2), share = box, rng.uniform(0.1, 0.45)
-    middle_x, middle_y = rng.uniform(x1, x2), rng.uniform(y1, y2)
-    half_width, half_height = rng.uniform(0.2, 0.7) * (x2 - x1), rng.uniform(0.1, 0.3) * (y2 - y1)
-    places = (
+    x1, y1, x2, y2 = box
+    share = rng.uniform(0.1, 0.4)
+    sides = (
         (x1, y1, x1 + share * (x2 - x1), y2),
         (x2 - share * (x2 - x1), y1, x2, y2),
         (x1, y2 - share * (y2 - y1), x2, y2),
         (x1, y1, x2, y1 + 0.6 * share * (y2 - y1)),
-        (middle_x, y1, middle_x + 0.5 * share * (x2 - x1), y2),
-        (middle_x - half_width, middle_y - half_height, middle_x + half_width, middle_y + half_height),
     )
-    left, top, right, bottom = (int(n) for n in np.clip(places[rng.integers(len(places))], 0, [width, height] * 2))
-    where = slice(top, max(bottom, top)), slice(left, max(right, left))
+    left, top, right, bottom = (int(n) for n in np.clip(sides[rng.integers(4)], 0, [width, height] * 2))
     if right <= left or bottom <= top:
-        return where
-    if rng.random() < 0.5:
-        canvas[where] = rng.uniform(0, 255, 3)
-    else:
-        from_x, from_y = rng.integers(0, width - (right - left) + 1), rng.integers(0, height - (bottom - top) + 1)
-        canvas[where] = canvas[from_y : from_y + bottom - top, from_x : from_x + right - left].copy()
-    return where
+        return
+    from_x, from_y = rng.integers(0, width - (right - left) + 1), rng.integers(0, height - (bottom - top) + 1)
+    patch = canvas[from_y : from_y + bottom - top, from_x : from_x + right - left].copy()
+    canvas[top:bottom, left:right] = patch
 
 
 def _maybe_jpeg(canvas: NDArray[np.uint8], rng: Generator) -> NDArray[np.uint8]:

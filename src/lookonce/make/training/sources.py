@@ -40,7 +40,7 @@ ALWAYS = (0, 2**31 - 1)
 """The lifetime of an object that is surely another than all others."""
 
 _LEAST_SIDE_PX = 6.0  # of a box on the canvas: below, the finest map has a cell or two of it
-_LEAST_VISIBLE = 0.5
+_LEAST_VISIBLE = 0.6
 
 
 @dataclass(frozen=True, slots=True)
