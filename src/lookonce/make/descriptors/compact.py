@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from lookonce.make.descriptors.head import DESCRIPTOR_SIZE, write_unit_length
+from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.model.metadata import Feature, ModelMetadata
@@ -148,7 +148,7 @@ class CompactHead(nn.Module):
         mean = g("MatMul", g("Transpose", weights, perm=[0, 2, 1]), embedded)
         pooled = g("Log", g("Add", mean, g.constant(1.0)))
         flat = g("Reshape", pooled, g.constant([-1, _EMBEDDING * _HEADS]))
-        return write_unit_length(g, _write_linear(g, flat, self.project.weight, self.project.bias))
+        return g.unit_length(_write_linear(g, flat, self.project.weight, self.project.bias))
 
     def _linear(self, g: GraphWriter, values: ir.Value, layer: nn.Linear) -> ir.Value:
         """A layer on standardised channels, as a layer on the channels themselves."""

@@ -10,10 +10,9 @@ import onnx_ir as ir
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 
-__all__ = ["DESCRIPTOR_SIZE", "HeadKind", "write_unit_length"]
+__all__ = ["DESCRIPTOR_SIZE", "HeadKind"]
 
 DESCRIPTOR_SIZE = 128  # the paper's
-_SMALLEST_LENGTH = 1e-12  # below, a vector has no direction: it stays zero
 
 
 class HeadKind(Protocol):
@@ -39,9 +38,3 @@ class HeadKind(Protocol):
     ) -> dict[str, ir.Value]:
         """Append the lookup of features at N rows; by name, N values each."""
         ...
-
-
-def write_unit_length(g: GraphWriter, rows: ir.Value) -> ir.Value:
-    """Rows (N, C) scaled to unit length; a row of zeros stays."""
-    length = g("ReduceL2", rows, g.constant([1]), keepdims=1)
-    return g("Div", rows, g("Max", length, g.constant(_SMALLEST_LENGTH)))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from lookonce.errors import ModelError
-from lookonce.make.descriptors.head import DESCRIPTOR_SIZE, write_unit_length
+from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.model.metadata import Feature, ModelMetadata
@@ -195,7 +195,7 @@ class PaperHead(nn.Module):
         for index in range(1, len(self.grids)):
             is_own = g("Unsqueeze", g("Equal", reading["scale"], g.constant(index)), g.constant([1]))
             rows = g("Where", is_own, self._layers(index).write(g, self.channels, reading), rows)
-        return write_unit_length(g, rows)
+        return g.unit_length(rows)
 
     def _layers(self, index: int) -> _GridLayers:
         layers = self.grids[index]

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 __all__ = ["GraphWriter", "trace"]
 
 OPSET = 18
+_SMALLEST_LENGTH = 1e-12  # below, a vector has no direction: it stays zero
 
 
 class GraphWriter:
@@ -54,6 +55,11 @@ class GraphWriter:
     def size(self, value: ir.Value, axis: int) -> ir.Value:
         """(1,) int64: the length of one axis."""
         return self("Shape", value, start=axis, end=axis + 1)
+
+    def unit_length(self, rows: ir.Value) -> ir.Value:
+        """Rows (N, C) scaled to unit length; a row of zeros stays."""
+        length = self("ReduceL2", rows, self.constant([1]), keepdims=1)
+        return self("Div", rows, self("Max", length, self.constant(_SMALLEST_LENGTH)))
 
     def input_with_default(self, name: str, default: NDArray[Any], doc: str) -> ir.Value:
         """A scalar input that may be left out."""

@@ -17,8 +17,6 @@ from lookonce.make.export.graph import GraphWriter
 
 __all__ = ["FeatureMap", "write_native_descriptors"]
 
-_SMALLEST_LENGTH = 1e-12  # below, a vector has no direction: it stays zero
-
 
 class FeatureMap:
     """A tensor of the graph to read features from: (B, channels, cells) when its grid is flattened."""
@@ -46,8 +44,10 @@ def write_native_descriptors(
     for index, layers in enumerate(scales):
         is_own = g("Unsqueeze", g("Equal", detections.scale, g.constant(index)), g.constant([1]))  # (N, 1)
         cell = g("Min", detections.cell, g.constant(layers[0].cells - 1))  # rows of finer grids: any valid address
-        joined = g("Concat", *(_unit(g, _read(g, layer, detections.image_index, cell)) for layer in layers), axis=1)
-        blocks.append(g("Where", is_own, _unit(g, joined), g.constant(0.0)))
+        joined = g(
+            "Concat", *(g.unit_length(_read(g, layer, detections.image_index, cell)) for layer in layers), axis=1
+        )
+        blocks.append(g("Where", is_own, g.unit_length(joined), g.constant(0.0)))
     return g("Concat", *blocks, axis=1) if len(blocks) > 1 else blocks[0]
 
 
@@ -57,9 +57,3 @@ def _read(g: GraphWriter, layer: FeatureMap, image_index: ir.Value, cell: ir.Val
     start = g("Add", g("Mul", image_index, g.constant(layer.channels * layer.cells)), cell)
     channel = g.constant(np.arange(layer.channels, dtype=np.int64) * layer.cells)
     return g("Gather", flat, g("Add", g("Unsqueeze", start, g.constant([1])), channel))
-
-
-def _unit(g: GraphWriter, rows: ir.Value) -> ir.Value:
-    """Rows (N, C) scaled to unit length; a row of zeros stays."""
-    length = g("ReduceL2", rows, g.constant([1]), keepdims=1)
-    return g("Div", rows, g("Max", length, g.constant(_SMALLEST_LENGTH)))
