@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,14 +19,15 @@ _IDENTITIES_A_SCENE = 16
 
 
 class BatchSampler:
-    """Draws batches: half of it scene by scene, every source as often, the rest any identities.
+    """Draws batches: half of it scene by scene, sequences as often as stills, the rest any identities.
 
-    Objects that stand side by side in one light are the hard negatives, and what a tracker has to tell apart.
+    Objects that stand side by side in one light are the hard negatives, and what a tracker has to tell apart. A
+    sequence has few identities in many frames: it is drawn several times for a batch, each time with other frames.
 
     Args:
         readings: everything.
         identities: in a batch, about.
-        rows: of an identity in a batch, at most.
+        rows: of an identity, each time it is drawn.
         seed: of all draws; a step's batch depends on nothing but seed and step.
     """
 
@@ -36,29 +38,28 @@ class BatchSampler:
         starts = np.flatnonzero(np.diff(readings.identity[order], prepend=-1))
         groups = [group for group in np.split(order, starts[1:]) if len(group) > 1] if len(order) else []
         self.groups: Sequence[NDArray[np.int64]] = groups  # rows of each identity that has two or more
-        self._scenes: list[list[list[int]]] = []  # source -> scene -> numbers of groups
+        self._scenes: list[list[list[list[int]]]] = []  # sequences, stills -> source -> scene -> numbers of groups
         by_source: dict[int, dict[int, list[int]]] = {}
         for number, group in enumerate(groups):
             row = group[0]
             scenes = by_source.setdefault(int(readings.source[row]), {})
             scenes.setdefault(int(readings.scene[readings.identity[row]]), []).append(number)
-        for scenes in by_source.values():
-            crowded = [members for members in scenes.values() if len(members) > 1]
-            if crowded:
-                self._scenes.append(crowded)
+        crowded = [[members for members in scenes.values() if len(members) > 1] for scenes in by_source.values()]
+        sequences, stills = [s for s in crowded if len(s) == 1], [s for s in crowded if len(s) > 1]
+        self._scenes = [sources for sources in (sequences, stills) if sources]
 
     def __call__(self, step: int) -> NDArray[np.int64]:
         """Row numbers of one step's batch."""
         rng = np.random.default_rng([self._seed, step])
         drawn: list[int] = []
         while self._scenes and len(drawn) < _FROM_SCENES * self._identities:
-            scenes = self._scenes[rng.integers(len(self._scenes))]
-            members = scenes[rng.integers(len(scenes))]
-            drawn += self._some(members, _IDENTITIES_A_SCENE, rng)
-        chosen = dict.fromkeys(drawn)  # each once, however often it was drawn
-        others = [number for number in range(len(self.groups)) if number not in chosen]
-        chosen |= dict.fromkeys(self._some(others, self._identities - len(chosen), rng))
-        rows = [self.groups[n][rng.permutation(len(self.groups[n]))[: self._rows]] for n in chosen]
+            sources = self._scenes[rng.integers(len(self._scenes))]
+            scenes = sources[rng.integers(len(sources))]
+            drawn += self._some(scenes[rng.integers(len(scenes))], _IDENTITIES_A_SCENE, rng)
+        times = Counter(drawn)
+        others = [number for number in range(len(self.groups)) if number not in times]
+        times.update(self._some(others, self._identities - len(drawn), rng))
+        rows = [self.groups[n][rng.permutation(len(self.groups[n]))[: k * self._rows]] for n, k in times.items()]
         return np.sort(np.concatenate(rows))
 
     @staticmethod
