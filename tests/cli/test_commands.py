@@ -15,6 +15,11 @@ import pytest
 from squares import write_clip, write_darknet
 
 COMMAND = [sys.executable, "-c", "from lookonce.cli.app import main; main()"]
+# Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
+INTERRUPTIBLE = [
+    *COMMAND[:2],
+    f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {COMMAND[2]}",
+]
 PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
 
 
@@ -240,7 +245,7 @@ def test_ctrl_c_in_mid_run_keeps_the_results_so_far(square_model: Path, tmp_path
 
     clip = write_clip(tmp_path / "long.mp4", frames=6000)
     out = tmp_path / "out"
-    command = [*COMMAND, "track", str(clip), "-m", str(square_model), "-o", str(out)]
+    command = [*INTERRUPTIBLE, "track", str(clip), "-m", str(square_model), "-o", str(out)]
     with subprocess.Popen(command, env=PLAIN, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         results = out / "tracks.jsonl"
         deadline = time.monotonic() + 60

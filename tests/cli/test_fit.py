@@ -25,6 +25,11 @@ from make.training.scenes import write_labelled, write_resting_clip, write_still
 from squares import picture
 
 COMMAND = [sys.executable, "-c", "from lookonce.cli.app import main; main()"]
+# Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
+INTERRUPTIBLE = [
+    *COMMAND[:2],
+    f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {COMMAND[2]}",
+]
 PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
 FAST = ("--steps", 6, "--check-every", 2, "--identities", 16, "--threads", 1)
 
@@ -388,7 +393,7 @@ def test_without_the_extra_packages_the_error_names_them(square_model, stills, t
 
 def interrupt(arguments: list[object], folder: Path, ready) -> tuple[int, str]:
     """Run the command until ``ready()``, then press Ctrl-C; the exit code and what it said."""
-    command = [*COMMAND, *map(str, arguments)]
+    command = [*INTERRUPTIBLE, *map(str, arguments)]
     with subprocess.Popen(command, env=PLAIN, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline and process.poll() is None and not ready():
