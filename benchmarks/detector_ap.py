@@ -29,18 +29,18 @@ import numpy as np
 from av.video.reformatter import Interpolation, VideoReformatter
 from numpy.typing import NDArray
 
-from average_precision import Still, average_precision, read_stills
 from lookonce import Detections, Model
 from lookonce.boxes import clip
+from lookonce.evaluation import precision_recall
 from lookonce.letterbox import PADDING_GREY, Fit, Letterboxer, fit
 from lookonce.make.darknet.importer import import_darknet
 from machine import describe_machine
+from stills import StillSet, read_stills
 
 SCORE_THRESHOLD = 0.005
 IOU_THRESHOLD = 0.45
 MAX_DETECTIONS = 100_000  # none is cut off
 ALLOWED_DIFFERENCE = 0.005
-COCO_NAMES = {"motorcycle": "motorbike", "airplane": "aeroplane"}  # today's name -> Darknet's
 SAME_ROW_PX = 2.0  # rows of one class whose sides are no further apart are one row
 DATA = Path(__file__).parents[1] / "../shared/data"
 
@@ -111,24 +111,23 @@ class Agreement:
 
 
 def compare(
-    model: Model, opencv: OpenCvDetector, stills: Sequence[Still], labels: NDArray[np.int64]
+    model: Model, opencv: OpenCvDetector, stills: StillSet, classes: Sequence[str]
 ) -> tuple[float, float, Agreement]:
     """AP50 of lookonce and of OpenCV on the same canvases, and how near their rows are."""
     letterbox = Letterboxer(model.size)
     ours, theirs, agreement = [], [], Agreement()
-    for still in stills:
-        canvas, placed = letterbox(still.image)
+    for image in stills.images():
+        canvas, placed = letterbox(image)
         mine, other = model.run(canvas[np.newaxis], [placed])[0], opencv.run(canvas, placed)
         agreement.add(mine, other)
-        ours.append(only(mine, labels))
-        theirs.append(only(other, labels))
-    truths = [still.truth for still in stills]
-    return average_precision(truths, ours), average_precision(truths, theirs), agreement
+        ours.append(stills.renumber(mine, model.names))
+        theirs.append(stills.renumber(other, model.names))
+    return ap50(stills, ours, classes), ap50(stills, theirs, classes), agreement
 
 
-def only(detections: Detections, labels: NDArray[np.int64]) -> Detections:
-    """The rows of some classes."""
-    return detections[np.isin(detections.labels, labels)]
+def ap50(stills: StillSet, found: Sequence[Detections], classes: Sequence[str]) -> float:
+    """AP50 of some classes as one; ``found`` has the labels of the stills."""
+    return precision_recall(stills.truths, found, stills.labels_of(classes)).area()
 
 
 def swscale(interpolation: Interpolation) -> Scaler:
@@ -158,39 +157,37 @@ SCALERS: dict[str, Scaler] = {
 }
 
 
-def precision_with(model: Model, scale: Scaler, stills: Sequence[Still], labels: NDArray[np.int64]) -> float:
+def precision_with(model: Model, scale: Scaler, stills: StillSet, classes: Sequence[str]) -> float:
     """AP50 of lookonce's network where ``scale`` makes its input."""
     found = []
-    for still in stills:
-        placed = fit(still.image.shape[:2], model.size)
+    for image in stills.images():
+        placed = fit(image.shape[:2], model.size)
         canvas = np.full((*model.size, 3), PADDING_GREY, np.uint8)
         top, left = placed.offset
-        canvas[top : top + placed.scaled[0], left : left + placed.scaled[1]] = scale(still.image, placed.scaled)
-        found.append(only(model.run(canvas[np.newaxis], [placed])[0], labels))
-    return average_precision([still.truth for still in stills], found)
+        canvas[top : top + placed.scaled[0], left : left + placed.scaled[1]] = scale(image, placed.scaled)
+        found.append(stills.renumber(model.run(canvas[np.newaxis], [placed])[0], model.names))
+    return ap50(stills, found, classes)
 
 
-def precision_of_detect(model: Model, stills: Sequence[Still], labels: NDArray[np.int64]) -> float:
+def precision_of_detect(model: Model, stills: StillSet, classes: Sequence[str]) -> float:
     """AP50 of ``Model.detect``."""
-    found = [only(model.detect(still.image), labels) for still in stills]
-    return average_precision([still.truth for still in stills], found)
+    found = [stills.renumber(model.detect(image), model.names) for image in stills.images()]
+    return ap50(stills, found, classes)
 
 
-def print_comparison(
-    model: Model, opencv: OpenCvDetector, sets: dict[str, list[Still]], labels: NDArray[np.int64]
-) -> bool:
+def print_comparison(model: Model, opencv: OpenCvDetector, sets: Sequence[StillSet], classes: Sequence[str]) -> bool:
     """The first table; whether all sets are within the allowed difference."""
     print(
         f"\n{'set':<12} {'images':>6} {'boxes':>6} {'lookonce':>9} {'OpenCV':>8} {'difference':>10}   "
         f"{'same rows':>9} {'others':>6} {'box px':>8} {'score':>8}"
     )
     passed = True
-    for name, stills in sets.items():
-        ours, theirs, near = compare(model, opencv, stills, labels)
+    for stills in sets:
+        ours, theirs, near = compare(model, opencv, stills, classes)
         passed &= abs(ours - theirs) <= ALLOWED_DIFFERENCE
-        boxes = sum(len(still.truth) for still in stills)
+        boxes = stills.count(stills.labels_of(classes))
         print(
-            f"{name:<12} {len(stills):6d} {boxes:6d} {ours:9.4f} {theirs:8.4f} {ours - theirs:+10.4f}   "
+            f"{stills.name:<12} {len(stills):6d} {boxes:6d} {ours:9.4f} {theirs:8.4f} {ours - theirs:+10.4f}   "
             f"{near.matched:9d} {near.unmatched:6d} {near.box_px:8.5f} {near.score:8.5f}",
             flush=True,
         )
@@ -199,16 +196,16 @@ def print_comparison(
     return passed
 
 
-def print_scalers(model: Model, sets: dict[str, list[Still]], labels: NDArray[np.int64]) -> None:
+def print_scalers(model: Model, sets: Sequence[StillSet], classes: Sequence[str]) -> None:
     """The second table."""
-    every = [still.image.shape for stills in sets.values() for still in stills]
+    every = [image.shape for stills in sets for image in stills.images()]
     scaled = sum(fit(shape[:2], model.size).scaled != shape[:2] for shape in every)
     print(f"\n{scaled} of {len(every)} stills change size for this input")
-    print(f"{'AP50 with':<24}" + "".join(f"{name:>12}" for name in sets))
-    values = [precision_of_detect(model, stills, labels) for stills in sets.values()]
+    print(f"{'AP50 with':<24}" + "".join(f"{stills.name:>12}" for stills in sets))
+    values = [precision_of_detect(model, stills, classes) for stills in sets]
     print(f"{'Model.detect':<24}" + "".join(f"{value:12.4f}" for value in values), flush=True)
     for name, scale in SCALERS.items():
-        values = [precision_with(model, scale, stills, labels) for stills in sets.values()]
+        values = [precision_with(model, scale, stills, classes) for stills in sets]
         print(f"{name:<24}" + "".join(f"{value:12.4f}" for value in values), flush=True)
 
 
@@ -253,11 +250,10 @@ def main() -> int:
         import_darknet(arguments.cfg, weights, file, names=arguments.names, size=(arguments.size, arguments.size))
         opencv = OpenCvDetector(write_cfg(arguments.cfg, arguments.size, Path(folder) / "network.cfg"), weights)
         model = Model(file, score_threshold=SCORE_THRESHOLD, iou_threshold=IOU_THRESHOLD, max_detections=MAX_DETECTIONS)
-    labels = model.labels_of([COCO_NAMES.get(name, name) for name in classes])
-    sets = {folder.name: read_stills(folder, classes, arguments.limit) for folder in arguments.stills}
-    passed = print_comparison(model, opencv, sets, labels)
+    sets = [read_stills(folder, arguments.limit) for folder in arguments.stills]
+    passed = print_comparison(model, opencv, sets, classes)
     if arguments.scalers:
-        print_scalers(model, sets, labels)
+        print_scalers(model, sets, classes)
     return 0 if passed else 1
 
 
