@@ -11,23 +11,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lookonce import Detections
-from lookonce.datasets import open_stills
+from lookonce.datasets import open_stills, usual_name
 from lookonce.evaluation import DetectionTruth
-
-# Darknet's names of COCO's classes -> COCO's own
-USUAL_NAMES = {
-    "aeroplane": "airplane",
-    "diningtable": "dining table",
-    "motorbike": "motorcycle",
-    "pottedplant": "potted plant",
-    "sofa": "couch",
-    "tvmonitor": "tv",
-}
 
 
 def usual_names(names: Sequence[str]) -> list[str]:
     """Class names as COCO has them, so that models and labels can be matched."""
-    return [USUAL_NAMES.get(name, name) for name in names]
+    return [usual_name(name) for name in names]
 
 
 @dataclass(frozen=True, slots=True)

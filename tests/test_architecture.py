@@ -25,7 +25,7 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
 } | {
     "": ({*LEAVES, "model", "pipeline", "tracking", "video"}, set()),  # the public names
     "video": ({*LEAVES}, {"av", "numpy"}),
-    "models": ({*LEAVES}, set()),
+    "models": ({*LEAVES}, {"platformdirs"}),
     "model": ({*LEAVES, "models"}, {"numpy", "onnxruntime"}),
     "tracking": ({*LEAVES}, {"numpy", "scipy"}),
     "output": ({*LEAVES, "video"}, {"numpy", "PIL", "av", "pyarrow"}),
@@ -51,6 +51,11 @@ ROOMS["make.training"] = (
     ROOMS["make"][1] | {"PIL", "matplotlib"},
 )
 ROOMS["cli"][0].add("make.training")
+ROOMS["make.detector"] = (
+    ROOMS["make"][0] | {"make.darknet", "make.training"},
+    ROOMS["make"][1] | {"PIL", "lightning_fabric"},
+)
+ROOMS["cli"][0].add("make.detector")
 ROOMS["make.probing"] = (
     ROOMS["make"][0] | {"make.export", "make.descriptors"},
     ROOMS["make"][1] | {"matplotlib", "PIL"},

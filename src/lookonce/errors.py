@@ -6,6 +6,7 @@
     ├── WeightsError   a Darknet weights file that does not fit its network
     ├── FormatError    a text file with a wrong line (path and line are named)
     ├── ConfigError    a setting that cannot work
+    ├── DownloadError  a published model that cannot be had, or is not the file that it should be
     └── OutputError    a result that cannot be written
 
 Every message names the file and the remedy in one line. A wrong *call* (shape, dtype, type) is ``ValueError`` or
@@ -18,6 +19,7 @@ from os import PathLike, fspath
 
 __all__ = [
     "ConfigError",
+    "DownloadError",
     "FormatError",
     "LookonceError",
     "ModelError",
@@ -45,6 +47,10 @@ class WeightsError(LookonceError):
 
 class ConfigError(LookonceError):
     """A setting is unknown, out of range, or contradicts another."""
+
+
+class DownloadError(LookonceError):
+    """A published model is not a known one, cannot be had, or came with other bytes than the registered ones."""
 
 
 class OutputError(LookonceError):

@@ -10,9 +10,10 @@ import typer
 from typer.main import get_command
 
 from lookonce import __version__
+from lookonce.cli.detecting import train_detector_command
+from lookonce.cli.downloading import models_app
 from lookonce.cli.fitting import fit_command
 from lookonce.cli.importing import import_command
-from lookonce.cli.listing import models_command
 from lookonce.cli.probing import probe_command
 from lookonce.cli.tracking import track_command
 from lookonce.errors import LookonceError
@@ -33,7 +34,8 @@ app = typer.Typer(
 app.command("track", no_args_is_help=True)(track_command)
 app.command("fit", no_args_is_help=True)(fit_command)
 app.command("import", no_args_is_help=True)(import_command)
-app.command("models")(models_command)
+app.add_typer(models_app, name="models")
+app.command("train-detector", no_args_is_help=True)(train_detector_command)
 app.command("probe", no_args_is_help=True)(probe_command)
 
 

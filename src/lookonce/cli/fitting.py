@@ -163,6 +163,7 @@ def _run(
 ) -> None:
     from lookonce.make.training.fit import fit
     from lookonce.make.training.record import (
+        Curve,
         check_tensorboard,
         fingerprint,
         open_run,
@@ -191,9 +192,25 @@ def _run(
             screen.say(f"{folder}: keeps what was made so far; go on with --resume")
             raise
     seconds = time.perf_counter() - start
-    write_record(folder, result, identity, seconds)
+    history = result.history
+    write_record(
+        folder,
+        identity,
+        {
+            "readings": result.rows,
+            "identities": result.identities,
+            "validation": asdict(result.validation),
+            "history": asdict(history),
+        },
+        seconds,
+        x=Curve("step", history.step),
+        loss=Curve("training loss", history.loss),
+        quality=Curve("equal error rate of held-out identities", history.error_rate),
+        best=history.best,
+    )
     if tensorboard:
-        write_curves_for_tensorboard(folder / "tensorboard", result.history)
+        columns = {name: values for name, values in asdict(history).items() if name != "step"}
+        write_curves_for_tensorboard(folder / "tensorboard", history.step, columns)
     if not keep_features:
         shutil.rmtree(folder / "features", ignore_errors=True)
     seen = result.validation

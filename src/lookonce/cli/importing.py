@@ -11,7 +11,7 @@ import typer
 
 from lookonce.errors import ConfigError, OutputError
 
-__all__ = ["import_command"]
+__all__ = ["import_command", "parse_size"]
 
 _EXAMPLES = """
 [bold]Examples[/bold]
@@ -55,7 +55,7 @@ def import_command(
         ) from exc
     start = time.perf_counter()
     metadata = import_darknet(
-        cfg, weights, target, names=names, size=_parse_size(size), descriptors=descriptors, license=license
+        cfg, weights, target, names=names, size=parse_size(size), descriptors=descriptors, license=license
     )
     info = metadata.descriptor
     described = f"descriptors {info.kind}, {info.size} values" if info else "no descriptors"
@@ -69,10 +69,10 @@ def import_command(
 import_command.__doc__ = f"{import_command.__doc__}\n{_EXAMPLES}"
 
 
-def _parse_size(text: str | None) -> tuple[int, int] | None:
-    """(height, width) in px.
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """The input size that ``--size`` asks for, as (height, width) in px; None where it asks for none.
 
-    >>> _parse_size("288x512"), _parse_size("416")
+    >>> parse_size("288x512"), parse_size("416")
     ((288, 512), (416, 416))
     """
     if text is None:

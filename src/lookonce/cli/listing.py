@@ -1,4 +1,4 @@
-"""`lookonce models`."""
+"""`lookonce models [list]`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lookonce.errors import ModelError
 from lookonce.model import ModelMetadata, describe_model
 from lookonce.models import find_model, shipped_models
 
-__all__ = ["models_command"]
+__all__ = ["list_command"]
 
 _EXAMPLES = """
 [bold]Examples[/bold]
@@ -26,7 +26,7 @@ _EXAMPLES = """
 """
 
 
-def models_command(
+def list_command(
     paths: Annotated[
         list[Path] | None,
         typer.Argument(metavar="[FILE|FOLDER]...", help="Model files, or folders that hold some.", show_default="."),
@@ -45,10 +45,10 @@ def models_command(
     for text in skipped:
         print(f"skipped {text}")
     if not files:
-        print("no model files here; make one with 'lookonce import'")
+        print("no model files here; 'lookonce models known' says what can be had, 'lookonce import' makes one")
 
 
-models_command.__doc__ = f"{models_command.__doc__}\n{_EXAMPLES}"
+list_command.__doc__ = f"{list_command.__doc__}\n{_EXAMPLES}"
 
 
 def _files(paths: list[Path] | None) -> list[Path]:

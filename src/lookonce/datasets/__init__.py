@@ -1,5 +1,6 @@
 """Readers of labelled data: MOTChallenge, CVAT, UA-DETRAC and KITTI sequences, and YOLO stills."""
 
+from lookonce.datasets.class_names import read_class_names, usual_name
 from lookonce.datasets.labelled import LabelledFrame, LabelledObjects, LabelledSequence, LabelledStills
 from lookonce.datasets.pictures import picture_size
 from lookonce.datasets.sequences import open_sequences
@@ -13,4 +14,6 @@ __all__ = [
     "open_sequences",
     "open_stills",
     "picture_size",
+    "read_class_names",
+    "usual_name",
 ]

@@ -11,10 +11,30 @@ from numpy.typing import NDArray
 
 from lookonce.datasets.text import fault, quoted, read_text
 
-__all__ = ["check_class_name", "read_class_names", "unite"]
+__all__ = ["check_class_name", "read_class_names", "unite", "usual_name"]
 
 _MAX_BYTES = 1_000_000
 _MAX_LENGTH = 200  # characters of a name
+
+# Darknet's names of COCO's classes -> COCO's own
+_USUAL_NAMES = {
+    "aeroplane": "airplane",
+    "diningtable": "dining table",
+    "motorbike": "motorcycle",
+    "pottedplant": "potted plant",
+    "sofa": "couch",
+    "tvmonitor": "tv",
+}
+
+
+def usual_name(name: str) -> str:
+    """A class name as COCO has it, in lower case, so that models and labels can be matched.
+
+    >>> usual_name("Motorbike"), usual_name("car")
+    ('motorcycle', 'car')
+    """
+    lower = name.strip().lower()
+    return _USUAL_NAMES.get(lower, lower)
 
 
 def check_class_name(name: str, path: Path, line: int) -> str:

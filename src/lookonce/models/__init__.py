@@ -1,4 +1,4 @@
-"""Model files that ship inside the package, found by name."""
+"""Model files that ship inside the package, found by name; and detectors that can be had from elsewhere."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from lookonce.errors import ModelError
+from lookonce.models.registry import known_models
 
 __all__ = ["find_model", "shipped_models"]
 
@@ -27,5 +28,7 @@ def find_model(model: str | os.PathLike[str]) -> Path:
     shipped = shipped_models()
     if str(model) in shipped:
         return shipped[str(model)]
-    known = f" (or one of {', '.join(shipped)})" if shipped else ""
-    raise ModelError(f"{path}: no such model file; give a path{known}, or make one with 'lookonce import'")
+    if str(model) in known_models():
+        raise ModelError(f"{path}: no such model file; get it with 'lookonce models get {path}', then name {path}.onnx")
+    choice = f" (or one of {', '.join(shipped)})" if shipped else ""
+    raise ModelError(f"{path}: no such model file; give a path{choice}, or make one with 'lookonce import'")

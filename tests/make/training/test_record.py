@@ -14,10 +14,8 @@ from lookonce.errors import ConfigError, OutputError
 from lookonce.make.training import record
 from lookonce.make.training.chunks import write_chunk
 from lookonce.make.training.config import FitConfig
-from lookonce.make.training.fit import FitData, FitResult
-from lookonce.make.training.loop import History
-from lookonce.make.training.record import fingerprint, open_run, write_record
-from lookonce.make.training.validation import Validation
+from lookonce.make.training.fit import FitData
+from lookonce.make.training.record import Curve, fingerprint, open_run, write_record
 from make.training.scenes import write_labelled, write_resting_clip, write_stills
 
 CONFIG = FitConfig()
@@ -178,20 +176,28 @@ def test_data_that_cannot_be_read_are_one_line(tmp_path):
     assert "gone.mp4" in refusal(ConfigError, lambda: fingerprint(FitData(videos=(tmp_path / "gone.mp4",))))
 
 
-def make_result(looks: int = 3) -> FitResult:
-    history = History(list(range(1, looks + 1)), [1.0] * looks, [0.3, 0.1, 0.2][:looks], [1e-3] * looks)
-    return FitResult(None, Validation(0.1, 0.9, 5, 100), history, 50, 20)
+def write(folder, looks: int = 3, seconds: float = 1) -> None:
+    steps, error_rate = list(range(1, looks + 1)), [0.3, 0.1, 0.2][:looks]
+    write_record(
+        folder,
+        identity(),
+        {"validation": {"error_rate": 0.1}},
+        seconds,
+        x=Curve("step", steps),
+        loss=Curve("training loss", [1.0] * looks),
+        quality=Curve("error rate", error_rate),
+        best=min(1, looks - 1),
+    )
 
 
 @pytest.mark.parametrize("looks", [1, 3])
 def test_the_record_says_what_made_the_file(tmp_path, looks):
-    write_record(tmp_path, make_result(looks), identity(), 12.345)
+    write(tmp_path, looks, 12.345)
     content = json.loads((tmp_path / "record.json").read_text())
     assert content["data"] == "a"
     assert content["settings"]["seed"] == 0
     assert content["seconds"] == 12.3
     assert content["validation"]["error_rate"] == 0.1
-    assert content["history"]["step"] == list(range(1, looks + 1))
     assert {"python", "lookonce", "torch", "onnxruntime"} <= content["versions"].keys()
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
 
@@ -199,14 +205,14 @@ def test_the_record_says_what_made_the_file(tmp_path, looks):
 def test_the_curves_are_the_same_bytes_each_time(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        write_record(tmp_path / name, make_result(), identity(), 1)
+        write(tmp_path / name)
     assert (tmp_path / "a" / "curves.png").read_bytes() == (tmp_path / "b" / "curves.png").read_bytes()
 
 
 def test_a_package_that_goes_by_another_name_is_no_obstacle(tmp_path, monkeypatch):
     """With onnxruntime-gpu in place of onnxruntime the record failed, after all of the training."""
     monkeypatch.setattr(record, "_PACKAGES", ("lookonce", "no-such-package"))
-    write_record(tmp_path, make_result(), identity(), 1)
+    write(tmp_path)
     assert json.loads((tmp_path / "record.json").read_text())["versions"].keys() == {"python", "lookonce"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +22,7 @@ from lookonce.make.export.model_file import declare_descriptors, declare_detecti
 from lookonce.make.export.native import FeatureMap, write_native_descriptors
 from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata, OutputGrid
 
-__all__ = ["import_darknet", "read_names"]
+__all__ = ["import_darknet", "read_names", "write_detector"]
 
 _MAX_NAMES_BYTES = 1 << 20
 
@@ -72,21 +73,53 @@ def import_darknet(
     config = read_cfg(cfg, size)
     class_names = _class_names(names, config.classes)
     parameters, digest = read_weights(weights, config)
-    plan = _Plan(config, _offered_features(config))
-    network = DarknetNetwork(config, [layer.index for layer in plan.features]).eval()
+    network = DarknetNetwork(config)
     network.load_weights_(parameters)
-    network.fuse_()
+    source = {"cfg": cfg.name, "weights": weights.name, "weights_sha256": digest}
+    return write_detector(network, class_names, output, descriptors=descriptors, license=license, source=source)
+
+
+def write_detector(
+    network: DarknetNetwork,
+    names: tuple[str, ...],
+    output: Path,
+    *,
+    descriptors: bool,
+    license: str,
+    source: Mapping[str, str],
+    training: Mapping[str, str] | None = None,
+) -> ModelMetadata:
+    """Write a network with its parameters as a model file.
+
+    Args:
+        network: it stays as it is.
+        names: class names.
+        output: the model file to write.
+        descriptors: whether detections carry descriptors of kind ``native``.
+        license: terms of the weights.
+        source: where network and weights came from.
+        training: how it was trained, as far as known.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    config = network.config
+    plan = _Plan(config, _offered_features(config))
+    fused = DarknetNetwork(config, [layer.index for layer in plan.features]).eval()
+    fused.load_state_dict(network.state_dict())
+    fused.fuse_()
     metadata = ModelMetadata(
-        names=class_names,
+        names=names,
         size=config.size,
         outputs=tuple(_output_grid(plan, scale) for scale in scale_features(config)),
         descriptor=_descriptor_info(plan) if descriptors else None,
         features=tuple(Feature(plan.name(f), f.channels, config.stride(f)) for f in plan.features),
         license=license,
-        source={"cfg": cfg.name, "weights": weights.name, "weights_sha256": digest},
+        source=source,
+        training=training or {},
         made_by=version("lookonce"),
     )
-    _write(network, plan, metadata, output)
+    _write(fused, plan, metadata, output)
     return metadata
 
 

@@ -95,6 +95,19 @@ class ConvolutionBlock(nn.Module):
             _copy_(self.normalization.running_mean, weights.mean)
             _copy_(self.normalization.running_var, weights.variance)
 
+    def weights(self) -> ConvolutionWeights:
+        """A copy of the parameters, as a weights file has them."""
+
+        def values(parameter: Tensor | None) -> NDArray[np.float32]:
+            assert parameter is not None
+            return parameter.detach().cpu().float().numpy().copy()
+
+        kernel = values(self.convolution.weight)
+        if (norm := self.normalization) is None:
+            return ConvolutionWeights(kernel, values(self.convolution.bias), None, None, None)
+        moments = values(norm.running_mean), values(norm.running_var)
+        return ConvolutionWeights(kernel, values(norm.bias), values(norm.weight), *moments)
+
     def fuse_(self) -> None:
         """Fold batch norm into the convolution; for inference only."""
         if self.normalization is not None:
@@ -146,6 +159,14 @@ class DarknetNetwork(nn.Module):
         for index, block in self.blocks.items():
             assert isinstance(block, ConvolutionBlock)
             block.load_(weights[int(index)])
+
+    def weights(self) -> dict[int, ConvolutionWeights]:
+        """A copy of all parameters, by layer index."""
+        found = {}
+        for index, block in self.blocks.items():
+            assert isinstance(block, ConvolutionBlock)
+            found[int(index)] = block.weights()
+        return found
 
     def fuse_(self) -> None:
         """Fold every batch norm into its convolution; for inference only."""

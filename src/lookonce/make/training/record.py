@@ -6,31 +6,70 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Protocol
 
 from matplotlib.figure import Figure
 
-from lookonce.datasets import LabelledObjects
+from lookonce.datasets import LabelledObjects, LabelledSequence, LabelledStills
 from lookonce.errors import ConfigError, OutputError
 from lookonce.make.training.chunks import is_whole_chunk
-from lookonce.make.training.fit import FitData, FitResult
-from lookonce.make.training.loop import History
 from lookonce.video.opening import one_line
 
-__all__ = ["check_tensorboard", "fingerprint", "open_run", "write_curves_for_tensorboard", "write_record"]
+__all__ = [
+    "Curve",
+    "Data",
+    "check_tensorboard",
+    "fingerprint",
+    "open_run",
+    "write_curves_for_tensorboard",
+    "write_record",
+]
 
 _PACKAGES = (
-    *("lookonce", "torch", "onnx-ir", "numpy", "pillow", "av"),
+    *("lookonce", "torch", "lightning-fabric", "onnx-ir", "numpy", "pillow", "av"),
     *("onnxruntime", "onnxruntime-gpu", "onnxruntime-openvino"),
 )
 _IDENTITY = "run.json"
 
 
-def fingerprint(data: FitData) -> dict[str, str]:
+class Data(Protocol):
+    """What a training learns from."""
+
+    @property
+    def sequences(self) -> Sequence[LabelledSequence]:
+        """Labelled videos."""
+        ...
+
+    @property
+    def stills(self) -> Sequence[LabelledStills]:
+        """Pictures."""
+        ...
+
+    @property
+    def videos(self) -> Sequence[Path]:
+        """Without labels."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A line of the picture of a training, a value for each look.
+
+    Attributes:
+        name: for the axis.
+        values: as many as there were looks.
+    """
+
+    name: str
+    values: Sequence[float]
+
+
+def fingerprint(data: Data) -> dict[str, str]:
     """A digest of each piece of data: its labels, and names and sizes of its pictures; of a video the whole file.
 
     Raises:
@@ -136,24 +175,41 @@ def _remove(path: Path) -> None:
         ) from exc
 
 
-def write_record(folder: Path, result: FitResult, identity: Mapping[str, object], seconds: float) -> None:
+def write_record(
+    folder: Path,
+    identity: Mapping[str, object],
+    result: Mapping[str, object],
+    seconds: float,
+    *,
+    x: Curve,
+    loss: Curve,
+    quality: Curve,
+    best: int,
+) -> None:
     """Write ``record.json`` (what made the model file, and how well it went) and ``curves.png``.
+
+    Args:
+        folder: of the run.
+        identity: all that the result depends on.
+        result: what came out; must be fit for JSON.
+        seconds: that it took.
+        x: steps or epochs of the looks.
+        loss: of the training.
+        quality: on what was held out.
+        best: number of the look whose weights were kept.
 
     Raises:
         OutputError: they cannot be written.
     """
     about = {
         **identity,
+        **result,
         "seconds": round(seconds, 1),
-        "readings": result.rows,
-        "identities": result.identities,
-        "validation": asdict(result.validation),
-        "history": asdict(result.history),
         "versions": _versions(),
         "machine": platform.machine(),
     }
     _write(folder / "record.json", json.dumps(about, indent=1, sort_keys=True))
-    _draw_curves(folder / "curves.png", result.history)
+    _draw_curves(folder / "curves.png", x, loss, quality, best)
 
 
 def _versions() -> dict[str, str]:
@@ -164,18 +220,17 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def _draw_curves(path: Path, history: History) -> None:
+def _draw_curves(path: Path, x: Curve, loss: Curve, quality: Curve, best: int) -> None:
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
-    axes.plot(history.step, history.loss, color="#0072b2", marker="o", markersize=3, label="training loss")
-    axes.set_xlabel("step")
-    axes.set_ylabel("training loss", color="#0072b2")
+    axes.plot(x.values, loss.values, color="#0072b2", marker="o", markersize=3, label=loss.name)
+    axes.set_xlabel(x.name)
+    axes.set_ylabel(loss.name, color="#0072b2")
     right = axes.twinx()
-    right.plot(history.step, history.error_rate, color="#d55e00", marker="s", markersize=3, linestyle="--")
-    right.set_ylabel("equal error rate of held-out identities", color="#d55e00")
-    best = history.best
-    right.axvline(history.step[best], color="#d55e00", linewidth=0.8, linestyle=":")
-    axes.set_title(f"best: {history.error_rate[best]:.3f} after {history.step[best]} steps")
+    right.plot(x.values, quality.values, color="#d55e00", marker="s", markersize=3, linestyle="--")
+    right.set_ylabel(quality.name, color="#d55e00")
+    right.axvline(x.values[best], color="#d55e00", linewidth=0.8, linestyle=":")
+    axes.set_title(f"best: {quality.values[best]:.3f} at {x.name} {x.values[best]}")
     try:
         figure.savefig(path, dpi=120, metadata={"Software": None})
     except OSError as exc:
@@ -206,11 +261,11 @@ def check_tensorboard() -> None:
         raise ConfigError("--tensorboard needs the package tensorboard; pip install tensorboard") from exc
 
 
-def write_curves_for_tensorboard(folder: Path, history: History) -> None:
-    """Write the curves as TensorBoard events."""
+def write_curves_for_tensorboard(folder: Path, steps: Sequence[int], curves: Mapping[str, Sequence[float]]) -> None:
+    """Write curves as TensorBoard events: of each name a value for each of ``steps``."""
     from torch.utils.tensorboard import SummaryWriter
 
     with SummaryWriter(folder) as writer:
-        for number, step in enumerate(history.step):
-            for name in ("loss", "error_rate", "learning_rate"):
-                writer.add_scalar(name, getattr(history, name)[number], step)
+        for name, values in curves.items():
+            for step, value in zip(steps, values, strict=True):
+                writer.add_scalar(name, value, step)
