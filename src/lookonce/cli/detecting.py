@@ -49,44 +49,55 @@ the network and its weights in Darknet's format, for 'lookonce import' at anothe
 
 _FOLDER_SUFFIX = ".train"
 _TEACHERS_LEAST_SCORE = 0.05
-_SETTINGS = "Settings (also in a TOML file, by the same names)"
+_SETTINGS = "Settings (all of them, and more, also in a TOML file by the same names)"
 
 
 def _setting(text: str) -> Any:
     return typer.Option(help=text, rich_help_panel=_SETTINGS, show_default=False)
 
 
+_Data = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="DATA", help="Folders of pictures with YOLO labels, or labelled sequences."),
+]
+_Net = Annotated[Path, typer.Option("--net", help="Darknet cfg of the network.", show_default=False)]
+_Output = Annotated[Path, typer.Option("-o", "--output", help="Model file to write.", show_default=False)]
+_Weights = Annotated[Path | None, typer.Option(help="Darknet weights to start from.", show_default="random")]
+_Names = Annotated[Path | None, typer.Option(help="Classes to learn, one a line.", show_default="all classes of DATA")]
+_ChangeClasses = Annotated[
+    bool, typer.Option("--change-classes", help="Give the network as many classes as there are to learn.")
+]
+_Size = Annotated[str | None, typer.Option(metavar="N|HxW", help="Input size in px.", show_default="the cfg's")]
+_Video = Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Unlabelled video; may be repeated.")]
+_Labelled = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="SET=CLASS,...",
+        help="Classes that a set labels wholly; may be repeated.",
+        show_default="those that occur in it",
+    ),
+]
+_LeaveOut = Annotated[
+    Path | None, typer.Option(help="File with pictures not to use, one a line, such as atl/images/a.jpg.")
+]
+_FitAnchors = Annotated[
+    bool | None, typer.Option(help="Fit anchors to the data [yes].", rich_help_panel=_SETTINGS, show_default=False)
+]
+
+
 def train_detector_command(
-    data: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="DATA", help="Folders of pictures with YOLO labels, or labelled sequences."),
-    ] = None,
-    net: Annotated[Path, typer.Option("--net", help="Darknet cfg of the network.", show_default=False)] = ...,  # type: ignore[assignment]
-    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write.", show_default=False)] = ...,  # type: ignore[assignment]
-    weights: Annotated[Path | None, typer.Option(help="Darknet weights to start from.", show_default="random")] = None,
+    data: _Data = None,
+    net: _Net = ...,  # type: ignore[assignment]
+    output: _Output = ...,  # type: ignore[assignment]
+    weights: _Weights = None,
     weights_names: Annotated[Path | None, typer.Option(help="Class names of --weights, one a line.")] = None,
-    names: Annotated[
-        Path | None, typer.Option(help="Classes to learn, one a line.", show_default="all classes of DATA")
-    ] = None,
-    change_classes: Annotated[
-        bool, typer.Option("--change-classes", help="Give the network as many classes as there are to learn.")
-    ] = False,
-    size: Annotated[
-        str | None, typer.Option(metavar="N|HxW", help="Input size in px.", show_default="the cfg's")
-    ] = None,
-    video: Annotated[list[Path] | None, typer.Option(metavar="FILE", help="Unlabelled video; may be repeated.")] = None,
+    names: _Names = None,
+    change_classes: _ChangeClasses = False,
+    size: _Size = None,
+    video: _Video = None,
     teacher: Annotated[Path | None, typer.Option(help="Model file that labels what is not labelled.")] = None,
-    labelled: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="SET=CLASS,...",
-            help="Classes that a set labels wholly; may be repeated.",
-            show_default="those that occur in it",
-        ),
-    ] = None,
-    leave_out: Annotated[
-        Path | None, typer.Option(help="File with pictures not to use, one a line, such as atl/images/a.jpg.")
-    ] = None,
+    labelled: _Labelled = None,
+    leave_out: _LeaveOut = None,
     license: Annotated[str, typer.Option(help="Terms of the result, kept in the file.")] = "unknown",
     config: Annotated[Path | None, typer.Option(help="TOML file with settings; flags go before it.")] = None,
     device: Annotated[str, typer.Option(help="Where to train: auto, cpu or cuda.")] = "auto",
@@ -99,26 +110,13 @@ def train_detector_command(
     epochs: Annotated[int | None, _setting("Passes over the pictures [100].")] = None,
     batch: Annotated[int | None, _setting("Pictures in a step [16].")] = None,
     learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.002].")] = None,
-    weight_decay: Annotated[float | None, _setting("Of AdamW [0.02].")] = None,
-    warm_up_epochs: Annotated[float | None, _setting("In which the learning rate rises [2].")] = None,
-    average_decay: Annotated[float | None, _setting("Of the moving average of the weights [0.9995].")] = None,
     positives: Annotated[str | None, _setting("several anchors for an object, or the best (as published).")] = None,
     box_loss: Annotated[str | None, _setting("ciou, giou, or squared (as published).")] = None,
     objectness: Annotated[str | None, _setting("Learns the overlap reached, or one (as published).")] = None,
-    label_smoothing: Annotated[float | None, _setting("Of the classes [0.02].")] = None,
-    ignore_overlap: Annotated[float | None, _setting("From which an anchor is no negative [0.7].")] = None,
-    box_weight: Annotated[float | None, _setting("Of the box loss [5].")] = None,
-    objectness_weight: Annotated[float | None, _setting("Of the objectness loss [1].")] = None,
-    class_weight: Annotated[float | None, _setting("Of the class loss [1].")] = None,
     mosaic: Annotated[float | None, _setting("Share of views made of four pictures [0.7].")] = None,
-    plain_epochs: Annotated[int | None, _setting("Last epochs without mosaics [10].")] = None,
-    fit_anchors: Annotated[
-        bool | None, typer.Option(help="Fit anchors to the data [yes].", rich_help_panel=_SETTINGS, show_default=False)
-    ] = None,
-    least_side_px: Annotated[float | None, _setting("Smaller objects are ignored [4].")] = None,
+    fit_anchors: _FitAnchors = None,
     video_frames: Annotated[int | None, _setting("Frames taken of a sequence or video at most [100].")] = None,
-    teacher_score: Annotated[float | None, _setting("From here on the teacher's detections are labels [0.5].")] = None,
-    teacher_doubt: Annotated[float | None, _setting("Between this and teacher_score they are ignored [0.15].")] = None,
+    teacher_score: Annotated[float | None, _setting("From here on its detections are labels [0.5].")] = None,
     held_out: Annotated[float | None, _setting("Share of pictures kept for validation [0.08].")] = None,
     check_every: Annotated[int | None, _setting("Epochs between two looks at validation [5].")] = None,
     patience: Annotated[int | None, _setting("Looks without progress before it stops [10].")] = None,
@@ -252,7 +250,7 @@ def _run(
     tensorboard: bool,
 ) -> None:
     from lookonce.make.detector.train import train_detector
-    from lookonce.make.training.record import check_tensorboard, fingerprint, open_run, write_curves_for_tensorboard
+    from lookonce.make.training.record import check_tensorboard, open_run, write_curves_for_tensorboard
 
     start = time.perf_counter()
     if tensorboard:
@@ -260,15 +258,7 @@ def _run(
     guide = Model(teacher, threads=threads, score_threshold=_TEACHERS_LEAST_SCORE) if teacher else None
     classes = classes or _classes_of(data)
     folder = output.with_suffix(_FOLDER_SUFFIX)
-    identity: dict[str, object] = {
-        "network": {"cfg": _digest(source.cfg), "weights": _digest(source.weights) if source.weights else "random"},
-        "classes": list(classes),
-        "data": fingerprint(data),
-        "labelled": {name: list(told) for name, told in sorted(data.labelled.items())},
-        "left_out": sorted(data.left_out),
-        "teacher": guide.sha256 if guide else "none",
-        "settings": asdict(settings),
-    }
+    identity = _identity(source, data, classes, guide, settings)
     open_run(folder, identity, resume=resume, overwrite=overwrite)
     with StageScreen() as screen:
         try:
@@ -289,11 +279,14 @@ def _run(
         except KeyboardInterrupt:
             screen.say(f"{folder}: keeps what was made so far; go on with --resume")
             raise
-    seconds = time.perf_counter() - start
-    _record(folder, identity, result, seconds)
+    _record(folder, identity, result, time.perf_counter() - start)
     if tensorboard:
         columns = {name: values for name, values in asdict(result.history).items() if name != "epoch"}
         write_curves_for_tensorboard(folder / "tensorboard", result.history.epoch, columns)
+    _print_end(output, folder, result, time.perf_counter() - start)
+
+
+def _print_end(output: Path, folder: Path, result: DetectorResult, seconds: float) -> None:
     mean = result.scores.mean
     each = ", ".join(f"{one.name} {one.ap50:.3f}" for one in result.scores.classes if one.boxes)
     print(
@@ -301,6 +294,23 @@ def _run(
         f"on {mean.boxes} held-out objects AP50 {mean.ap50:.3f}, AP50-95 {mean.ap:.3f} (AP50: {each})"
     )
     print(f"{folder}: record.json, curves.png, network.cfg, network.weights, network.names")
+
+
+def _identity(
+    source: NetworkSource, data: DetectorData, classes: tuple[str, ...], teacher: Model | None, settings: DetectorConfig
+) -> dict[str, object]:
+    """All that the result depends on."""
+    from lookonce.make.training.record import fingerprint
+
+    return {
+        "network": {"cfg": _digest(source.cfg), "weights": _digest(source.weights) if source.weights else "random"},
+        "classes": list(classes),
+        "data": fingerprint(data),
+        "labelled": {name: list(told) for name, told in sorted(data.labelled.items())},
+        "left_out": sorted(data.left_out),
+        "teacher": teacher.sha256 if teacher else "none",
+        "settings": asdict(settings),
+    }
 
 
 def _record(folder: Path, identity: dict[str, object], result: DetectorResult, seconds: float) -> None:

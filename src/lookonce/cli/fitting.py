@@ -18,7 +18,7 @@ from lookonce.model import Model
 
 if TYPE_CHECKING:
     from lookonce.make.training.config import FitConfig
-    from lookonce.make.training.fit import FitData
+    from lookonce.make.training.fit import FitData, FitResult
 
 __all__ = ["fit_command"]
 
@@ -163,12 +163,10 @@ def _run(
 ) -> None:
     from lookonce.make.training.fit import fit
     from lookonce.make.training.record import (
-        Curve,
         check_tensorboard,
         fingerprint,
         open_run,
         write_curves_for_tensorboard,
-        write_record,
     )
 
     start = time.perf_counter()
@@ -192,6 +190,23 @@ def _run(
             screen.say(f"{folder}: keeps what was made so far; go on with --resume")
             raise
     seconds = time.perf_counter() - start
+    _record(folder, identity, result, seconds)
+    if tensorboard:
+        columns = {name: values for name, values in asdict(result.history).items() if name != "step"}
+        write_curves_for_tensorboard(folder / "tensorboard", result.history.step, columns)
+    if not keep_features:
+        shutil.rmtree(folder / "features", ignore_errors=True)
+    seen = result.validation
+    print(
+        f"{output}: descriptors of kind {settings.kind}, {result.identities} identities learnt in {seconds:.0f} s; "
+        f"on {seen.identities} held-out ones equal error rate {seen.error_rate:.3f} at distance {seen.threshold:.2f}"
+    )
+    print(f"{folder}: record.json, curves.png")
+
+
+def _record(folder: Path, identity: dict[str, object], result: FitResult, seconds: float) -> None:
+    from lookonce.make.training.record import Curve, write_record
+
     history = result.history
     write_record(
         folder,
@@ -208,14 +223,3 @@ def _run(
         quality=Curve("equal error rate of held-out identities", history.error_rate),
         best=history.best,
     )
-    if tensorboard:
-        columns = {name: values for name, values in asdict(history).items() if name != "step"}
-        write_curves_for_tensorboard(folder / "tensorboard", history.step, columns)
-    if not keep_features:
-        shutil.rmtree(folder / "features", ignore_errors=True)
-    seen = result.validation
-    print(
-        f"{output}: descriptors of kind {settings.kind}, {result.identities} identities learnt in {seconds:.0f} s; "
-        f"on {seen.identities} held-out ones equal error rate {seen.error_rate:.3f} at distance {seen.threshold:.2f}"
-    )
-    print(f"{folder}: record.json, curves.png")
