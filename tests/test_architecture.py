@@ -30,8 +30,13 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "tracking": ({*LEAVES}, {"numpy", "scipy"}),
     "output": ({*LEAVES, "video"}, {"numpy", "PIL", "av", "pyarrow"}),
     "datasets": ({*LEAVES, "video"}, {"numpy", "PIL", "defusedxml"}),
-    "evaluation": ({*LEAVES, "datasets"}, {"numpy", "scipy"}),
+    "synthetic": ({*LEAVES, "video", "datasets"}, {"numpy", "PIL"}),
+    "evaluation": ({*LEAVES, "datasets"}, {"lap", "numpy"}),
     "pipeline": ({*LEAVES, "video", "model", "tracking", "output"}, {"numpy"}),
+    "demo": (
+        {*LEAVES, "video", "model", "tracking", "pipeline", "output", "evaluation", "synthetic"},
+        {"numpy", "PIL"},
+    ),
     "make": (
         {*LEAVES, "datasets", "video", "model", "evaluation"},
         {"numpy", "torch", "onnx", "onnx_ir", "onnxscript", "safetensors"},
@@ -50,7 +55,8 @@ ROOMS["make.training"] = (
     ROOMS["make"][0] | {"make.export", "make.descriptors"},
     ROOMS["make"][1] | {"PIL", "matplotlib"},
 )
-ROOMS["cli"][0].add("make.training")
+ROOMS["cli"][0].update({"demo", "make.training"})
+ROOMS["cli"][0].add("synthetic")
 ROOMS["make.detector"] = (
     ROOMS["make"][0] | {"make.darknet", "make.training"},
     ROOMS["make"][1] | {"PIL", "lightning_fabric"},

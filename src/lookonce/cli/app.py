@@ -10,11 +10,13 @@ import typer
 from typer.main import get_command
 
 from lookonce import __version__
+from lookonce.cli.demo import demo_command
 from lookonce.cli.detecting import train_detector_command
 from lookonce.cli.downloading import models_app
 from lookonce.cli.fitting import fit_command
 from lookonce.cli.importing import import_command
 from lookonce.cli.probing import probe_command
+from lookonce.cli.synth import synth_command
 from lookonce.cli.tracking import track_command
 from lookonce.errors import LookonceError
 
@@ -31,12 +33,14 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command("demo")(demo_command)
 app.command("track", no_args_is_help=True)(track_command)
 app.command("fit", no_args_is_help=True)(fit_command)
 app.command("import", no_args_is_help=True)(import_command)
 app.add_typer(models_app, name="models")
 app.command("train-detector", no_args_is_help=True)(train_detector_command)
 app.command("probe", no_args_is_help=True)(probe_command)
+app.command("synth", no_args_is_help=True)(synth_command)
 
 
 def _print_version(wanted: bool) -> None:
