@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lookonce.boxes import clip, iou, xyxy_to_ltwh
+from lookonce.boxes import clip, iou, iou_of_pairs, xyxy_to_ltwh
 
 BOXES = np.array([[0, 0, 10, 20], [5, 5, 15, 25], [-5, -5, 30, 40]], np.float32)
 
@@ -40,3 +40,12 @@ def test_overlap_with_nothing():
     assert iou(empty, empty).tolist() == [[0.0]]
     assert iou(BOXES[:0], BOXES).shape == (0, 3)
     assert iou(BOXES, BOXES[:0]).shape == (3, 0)
+
+
+def test_iou_of_pairs_is_the_diagonal_of_iou():
+    rng = np.random.default_rng(0)
+    a, b = (np.sort(rng.uniform(0, 9, (2, 2, 500)), axis=0).transpose(2, 0, 1).reshape(-1, 4) for _ in range(2))
+    b[0] = [3, 3, 3, 3]
+    b[1] = a[1] = [1, 1, 1, 1]
+    np.testing.assert_array_equal(iou_of_pairs(a, b), np.diagonal(iou(a, b)))
+    assert iou_of_pairs(a[:0], b[:0]).shape == (0,)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["clip", "iou", "xyxy_to_ltwh"]
+__all__ = ["clip", "iou", "iou_of_pairs", "xyxy_to_ltwh"]
 
 
 def xyxy_to_ltwh(xyxy: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -46,5 +46,22 @@ def iou(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
     area_b = np.prod(b[:, 2:] - b[:, :2], axis=1)
     union = area_a[:, None] + area_b[None, :] - intersection
     overlap = np.zeros_like(intersection)
+    np.divide(intersection, union, out=overlap, where=union > 0)
+    return overlap
+
+
+def iou_of_pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Intersection over union of each row of ``a`` (N, 4) xyxy with the same row of ``b``: (N,), as ``iou`` has it.
+
+    >>> import numpy as np
+    >>> iou_of_pairs(np.array([[0, 0, 2.0, 2]]), np.array([[1, 0, 3.0, 2]])).round(3).tolist()
+    [0.333]
+    """
+    width = np.clip(np.minimum(a[:, 2], b[:, 2]) - np.maximum(a[:, 0], b[:, 0]), 0, None)
+    height = np.clip(np.minimum(a[:, 3], b[:, 3]) - np.maximum(a[:, 1], b[:, 1]), 0, None)
+    intersection = width * height
+    area_a, area_b = (a[:, 2] - a[:, 0]) * (a[:, 3] - a[:, 1]), (b[:, 2] - b[:, 0]) * (b[:, 3] - b[:, 1])
+    union = area_a + area_b - intersection
+    overlap: NDArray[np.float64] = np.zeros_like(intersection)
     np.divide(intersection, union, out=overlap, where=union > 0)
     return overlap

@@ -78,7 +78,7 @@ class StageTimes:
 
 def track(
     source: str | int | os.PathLike[str],
-    model: str | os.PathLike[str] | Model,
+    model: str | os.PathLike[str] | Model = "street",
     tracker: str | Tracker = "paper",
     *,
     classes: Sequence[str | int] = (),
@@ -92,7 +92,7 @@ def track(
 
     Args:
         source: a video file, image folder, glob, camera number or URL.
-        model: a model file, its name, or an opened :class:`Model`.
+        model: a model file, the name of one that ships with the package, or an opened :class:`Model`.
         tracker: a preset's name or a :class:`Tracker`.
         classes: names or numbers of the classes to track; all by default.
         start_s: leave out what comes before, seconds.

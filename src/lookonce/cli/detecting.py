@@ -12,7 +12,14 @@ import typer
 from lookonce.cli.importing import parse_size
 from lookonce.cli.stages import StageScreen
 from lookonce.config import read_settings
-from lookonce.datasets import LabelledSequence, LabelledStills, open_sequences, open_stills, read_class_names
+from lookonce.datasets import (
+    LabelledSequence,
+    LabelledStills,
+    open_sequences,
+    open_stills,
+    read_class_names,
+    usual_name,
+)
 from lookonce.errors import ConfigError, OutputError
 from lookonce.model import Model
 
@@ -81,7 +88,7 @@ _LeaveOut = Annotated[
     Path | None, typer.Option(help="File with pictures not to use, one a line, such as atl/images/a.jpg.")
 ]
 _FitAnchors = Annotated[
-    bool | None, typer.Option(help="Fit anchors to the data [yes].", rich_help_panel=_SETTINGS, show_default=False)
+    bool | None, typer.Option(help=r"Fit anchors to the data \[yes].", rich_help_panel=_SETTINGS, show_default=False)
 ]
 
 
@@ -226,11 +233,15 @@ def _read_list(path: Path | None) -> frozenset[str]:
 
 
 def _classes_of(data: DetectorData) -> tuple[str, ...]:
-    """All classes of all sets; one set's own order where they agree."""
+    """All classes of all sets, in the order in which they come, each spelt as it comes first."""
     parts = [*(stills.classes for stills in data.stills), *(sequence.classes for sequence in data.sequences)]
     if not parts:
         raise ConfigError("which classes are to be learnt? give --names, a file with one a line")
-    return tuple(dict.fromkeys(name for part in parts for name in part))
+    spelt: dict[str, str] = {}
+    for part in parts:
+        for name in part:
+            spelt.setdefault(usual_name(name), name)
+    return tuple(spelt.values())
 
 
 def _run(
@@ -303,7 +314,12 @@ def _identity(
     from lookonce.make.training.record import fingerprint
 
     return {
-        "network": {"cfg": _digest(source.cfg), "weights": _digest(source.weights) if source.weights else "random"},
+        "network": {
+            "cfg": _digest(source.cfg),
+            "weights": _digest(source.weights) if source.weights else "random",
+            "weights_names": list(source.names),
+            "size": source.size,
+        },
         "classes": list(classes),
         "data": fingerprint(data),
         "labelled": {name: list(told) for name, told in sorted(data.labelled.items())},

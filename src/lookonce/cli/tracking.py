@@ -26,7 +26,7 @@ _USUAL_RATE = 25.0  # frames per second, for sources that do not say theirs
 _EXAMPLES = """
 [bold]Examples[/bold]
 
-  lookonce track traffic.mp4 -m model.onnx
+  lookonce track traffic.mp4                                 (with the model that ships: street)
 
   lookonce track traffic.mp4 -m model.onnx --classes car,bus,truck --score 0.3 -o out/
 
@@ -73,7 +73,9 @@ def track_command(
         str,
         typer.Argument(metavar="SOURCE", help="Video file, image folder, glob, camera (0) or URL.", show_default=False),
     ],
-    model: Annotated[str, typer.Option("-m", "--model", help="Model file.", show_default=False)],
+    model: Annotated[
+        str, typer.Option("-m", "--model", help="Model file, or the name of one that ships with the package.")
+    ] = "street",
     tracker: Annotated[str, typer.Option(help="Tracking preset: paper.")] = "paper",
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for the results.", show_default="runs/NAME")

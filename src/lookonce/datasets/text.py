@@ -56,7 +56,7 @@ def check_size(path: Path, max_bytes: int) -> None:
         raise fault(path, 0, f"larger than {max_bytes // 1_000_000} MB; split it, or check that it is the right file")
 
 
-def read_text(path: Path, max_bytes: int | None = None) -> str:
+def read_text(path: Path, max_bytes: int | None = None, max_line_bytes: int = _MAX_LINE_BYTES) -> str:
     r"""A whole UTF-8 file, its line ends as ``\n``.
 
     Raises:
@@ -71,25 +71,23 @@ def read_text(path: Path, max_bytes: int | None = None) -> str:
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\0" in data:
         raise fault(path, 0, "binary or UTF-16, not a UTF-8 text; check that it is the right file")
-    _check_lines(path, data)
+    _check_lines(path, data, max_line_bytes)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as exc:
         raise fault(path, data.count(b"\n", 0, exc.start) + 1, "not UTF-8 text; save the file as UTF-8") from exc
 
 
-def _check_lines(path: Path, data: bytes) -> None:
-    if len(data) <= _MAX_LINE_BYTES:
+def _check_lines(path: Path, data: bytes, max_line_bytes: int) -> None:
+    if len(data) <= max_line_bytes:
         return
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     if len(ends) > MAX_ROWS:
         raise fault(path, 0, f"more than {MAX_ROWS:,} lines; split it into sequences")
     lengths = np.diff(ends, prepend=-1, append=len(data)) - 1
     longest = int(lengths.argmax())
-    if lengths[longest] > _MAX_LINE_BYTES:
-        raise fault(
-            path, longest + 1, f"a line of more than {_MAX_LINE_BYTES:,} bytes; check that it is the right file"
-        )
+    if lengths[longest] > max_line_bytes:
+        raise fault(path, longest + 1, f"a line of more than {max_line_bytes:,} bytes; check that it is the right file")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,17 +117,18 @@ class Table:
             raise fault(self.path, int(self.lines[row]), f"{expected}, got {self.values[row, column]:.10g}")
 
 
-def read_table(path: Path, columns: str) -> Table:
+def read_table(path: Path, columns: str, max_line_bytes: int = _MAX_LINE_BYTES) -> Table:
     """Reads a file of numbers, separated by commas, semicolons or blanks, the same way in every line.
 
     Args:
         path: the file; blank lines are skipped, an empty file gives 0 rows.
         columns: names of the columns that must be there, for messages; more may follow.
+        max_line_bytes: the longest line that such a file can have.
 
     Raises:
         FormatError: as ``read_text``; a field is no number, or the lines differ in separator or number of columns.
     """
-    text = read_text(path)
+    text = read_text(path, max_line_bytes=max_line_bytes)
     least = columns.count(",") + 1
     first = text.lstrip().partition("\n")[0]
     if not first:

@@ -81,6 +81,7 @@ def _costs(outputs: Tensor, facts: Tensor, xyxy: Tensor, labels: Tensor) -> tupl
     """Loss that each candidate would have, and its overlap, (N,) each."""
     overlap = row_iou(decode(outputs, facts), xyxy)
     probability = (torch.sigmoid(outputs[:, 5:]) * torch.sigmoid(outputs[:, 4:5])).sqrt()
+    probability = probability.nan_to_num(0.5)  # of a network that diverged: its loss will tell; this here would crash
     target = functional.one_hot(labels, probability.shape[1]).float()
     classes = functional.binary_cross_entropy(probability, target, reduction="none").sum(1)
     return classes - _IOU_COST * (overlap + 1e-8).log(), overlap

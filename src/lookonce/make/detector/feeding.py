@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch.utils.data import DataLoader, Dataset
 
+from lookonce.errors import LookonceError
 from lookonce.make.detector.samples import Batch, Sample, View, collate
 from lookonce.make.detector.settings import DetectorConfig
 from lookonce.make.detector.views import Opened, mosaic, single
@@ -55,8 +56,8 @@ class Pictures:
         return Opened(picture, factor, self._samples[index])
 
 
-class _Views(Dataset[Batch]):
-    """Batch number -> batch."""
+class _Views(Dataset[Batch | int]):
+    """Batch number -> batch, or the number again where a picture is damaged."""
 
     def __init__(
         self, pictures: Pictures, config: DetectorConfig, size: tuple[int, int], rank: int, world: int
@@ -64,19 +65,27 @@ class _Views(Dataset[Batch]):
         self._pictures, self._config, self._size = pictures, config, size
         self._rank, self._world = rank, world
 
-    def __getitem__(self, step: int) -> Batch:
-        share = self._config.batch // self._world
-        first = step * self._config.batch + self._rank * share
-        return collate([self._view(first + number) for number in range(share)])
+    def __getitem__(self, step: int) -> Batch | int:
+        try:
+            return self.make(step)
+        except LookonceError:  # raised in a worker process, it would arrive as another error
+            return step
 
-    def _view(self, number: int) -> View:
-        """The ``number``-th view of the whole training: each epoch has every picture once as the first of a view."""
+    def make(self, step: int) -> Batch:
+        """The batch of that number."""
+        config = self._config
+        share = config.batch // self._world
+        first = step * config.batch + self._rank * share
+        is_plain = step // steps_in_epoch(len(self._pictures), config) >= config.epochs - config.plain_epochs
+        return collate([self._view(first + number, is_plain=is_plain) for number in range(share)])
+
+    def _view(self, number: int, *, is_plain: bool) -> View:
+        """The ``number``-th view of the whole training: each pass has every picture once as the first of a view."""
         config, count = self._config, len(self._pictures)
-        epoch, place = divmod(number, count)
-        order = np.random.default_rng([config.seed, 4, epoch]).permutation(count)
+        turn, place = divmod(number, count)
+        order = np.random.default_rng([config.seed, 4, turn]).permutation(count)
         rng = np.random.default_rng([config.seed, 5, number])
         first = self._pictures[int(order[place])]
-        is_plain = epoch >= config.epochs - config.plain_epochs
         if is_plain or rng.random() >= config.mosaic:
             return single(first, self._size, rng, least_side_px=config.least_side_px)
         others = [self._pictures[int(n)] for n in rng.integers(count, size=3)]
@@ -99,8 +108,8 @@ def batches(
     workers: int,
     rank: int = 0,
     world: int = 1,
-) -> Iterator[Batch]:
-    """The batches of some steps, in order.
+) -> Generator[Batch]:
+    """The batches of some steps, in order; to be closed, which ends the processes.
 
     Args:
         samples: to learn from.
@@ -110,10 +119,14 @@ def batches(
         workers: processes; 0: in this one.
         rank: of this process among ``world`` that train together: each gets its share of every batch.
         world: see rank.
+
+    Raises:
+        FormatError: a picture is damaged.
     """
     pictures = Pictures(samples, size, round(config.cache_gb * 1e9 / max(1, workers)))
+    views = _Views(pictures, config, size, rank, world)
     loader = DataLoader(
-        _Views(pictures, config, size, rank, world),
+        views,
         batch_size=None,
         sampler=steps,
         num_workers=workers,
@@ -121,7 +134,8 @@ def batches(
         worker_init_fn=_one_thread,
         collate_fn=_as_it_is,
     )
-    yield from loader
+    for made in loader:
+        yield views.make(made) if isinstance(made, int) else made
 
 
 def _one_thread(_: int) -> None:

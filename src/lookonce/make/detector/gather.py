@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from PIL import Image
 
 from lookonce.boxes import iou
 from lookonce.datasets import LabelledSequence, LabelledStills, usual_name
-from lookonce.errors import ConfigError, OutputError
+from lookonce.errors import ConfigError, OutputError, VideoError
 from lookonce.make.detector.samples import Sample
 from lookonce.make.detector.settings import DetectorConfig
 from lookonce.make.training.pictures import open_picture
@@ -25,6 +26,7 @@ __all__ = ["DetectorData", "Gathered", "Teacher", "gather"]
 
 _SAME_OBJECT = 0.5  # overlap from which a teacher's box is one that is labelled already
 _JPEG_QUALITY = 92
+_MANY_SEQUENCES = 5
 _VALIDATION_BLOCK = 8  # neighbouring pictures that stay together: they are often of one camera
 
 
@@ -116,12 +118,16 @@ def gather(
         training += kept
         validation += held
         _tell(stills.name, found, classes, say)
+    of_sequences = []
     for sequence in data.sequences:
         found = _of_sequence(sequence, classes, data, config, folder, report)
         if helper:
             found = _complete(found, helper, sequence.name, report)
-        training += found
+        of_sequences.append(found)
         _tell(sequence.name, found, classes, say)
+    kept, held = _divide_sequences(of_sequences, config, is_alone=not data.stills)
+    training += kept
+    validation += held
     for path in data.videos:
         if helper is None:
             raise ConfigError(f"{one_line(path)}: has no labels; give --teacher MODEL.onnx, or label it")
@@ -132,12 +138,17 @@ def gather(
         _tell(path.stem, found, classes, say)
     if not any(len(sample.labels) for sample in training):
         raise ConfigError("no labelled object to learn from; give labelled pictures, or --teacher MODEL.onnx")
-    if not any(len(sample.labels) for sample in validation):
+    if not any(sample.labelled[sample.labels].any() for sample in validation):
         raise ConfigError("no labelled object to validate on; give more labelled stills, or a larger held_out")
     return Gathered(classes, training, validation)
 
 
 def _check_names(data: DetectorData, classes: tuple[str, ...]) -> None:
+    by_name: dict[str, str] = {}
+    for name in classes:
+        if twin := by_name.get(usual_name(name)):
+            raise ConfigError(f"classes '{twin}' and '{name}' are one; name the classes with --names, or rename one")
+        by_name[usual_name(name)] = name
     sets = {stills.name for stills in data.stills} | {sequence.name for sequence in data.sequences}
     for name, wanted in data.labelled.items():
         if name not in sets:
@@ -201,7 +212,8 @@ def _is_left_out(picture: Path, endings: frozenset[str]) -> bool:
 
 def _divide(samples: list[Sample], config: DetectorConfig) -> tuple[list[Sample], list[Sample]]:
     """Blocks of neighbouring pictures are held out: those beside each other are often of one camera."""
-    blocks = [samples[start : start + _VALIDATION_BLOCK] for start in range(0, len(samples), _VALIDATION_BLOCK)]
+    length = min(_VALIDATION_BLOCK, max(1, len(samples) // 3))
+    blocks = [samples[start : start + length] for start in range(0, len(samples), length)]
     rng = np.random.default_rng([config.seed, 3])
     count = round(config.held_out * len(blocks)) or int(len(blocks) > 1)
     held = set(rng.permutation(len(blocks))[:count].tolist())
@@ -209,11 +221,27 @@ def _divide(samples: list[Sample], config: DetectorConfig) -> tuple[list[Sample]
     return training, [sample for number, block in enumerate(blocks) for sample in block if number in held]
 
 
+def _divide_sequences(
+    sequences: list[list[Sample]], config: DetectorConfig, *, is_alone: bool
+) -> tuple[list[Sample], list[Sample]]:
+    """Of many sequences some are held out whole; of few only where there are no stills to validate on."""
+    count = len(sequences)
+    if count == 1 and is_alone:
+        end = len(sequences[0]) - max(1, round(config.held_out * len(sequences[0])))
+        return sequences[0][:end], sequences[0][end:]
+    held: set[int] = set()
+    if count >= _MANY_SEQUENCES or (is_alone and count):
+        order = np.random.default_rng([config.seed, 7]).permutation(count)
+        held = set(order[: max(1, round(config.held_out * count))].tolist())
+    training = [sample for number, part in enumerate(sequences) for sample in part if number not in held]
+    return training, [sample for number, part in enumerate(sequences) for sample in part if number in held]
+
+
 def _frames(
     source: Path, limit: int, folder: Path, name: str, wanted: set[int] | None, report: Report
 ) -> Iterator[tuple[int, Path]]:
     """Evenly spread frames as picture files, by index; those that are there already are used again."""
-    place = folder / "frames" / one_line(name).replace("/", "_")
+    place = _place_of_frames(source, folder, name)
     with open_video(source) as video:
         total = video.frame_count
         indices = None if wanted is None else sorted(wanted)
@@ -232,6 +260,17 @@ def _frames(
             yield frame.index, path
             if done >= limit or (picked is not None and done >= len(picked)):
                 return
+
+
+def _place_of_frames(source: Path, folder: Path, name: str) -> Path:
+    """A folder for the frames of this very video: another one of that name, or a later version, has another."""
+    try:
+        about = source.stat()
+    except OSError as exc:
+        raise VideoError(f"{one_line(source)}: cannot be read ({exc.strerror}); check the path") from exc
+    known = f"{source.resolve()} {about.st_size} {about.st_mtime_ns}"
+    mark = hashlib.sha256(known.encode(errors="surrogateescape")).hexdigest()[:8]
+    return folder / "frames" / f"{one_line(name).replace('/', '_')}-{mark}"
 
 
 def _spread(indices: Sequence[int], limit: int) -> list[int]:

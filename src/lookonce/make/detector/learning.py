@@ -7,7 +7,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -111,25 +111,26 @@ def learn(
     rank, world = fabric.global_rank, fabric.world_size
     steps = range(state.step, 0 if state.history.is_spent(config.patience) else schedule.steps)
     feed = batches(gathered.training, config, network.config.size, steps, workers=threads, rank=rank, world=world)
-    for batch in feed:
-        for group in optimizer.param_groups:
-            group["lr"] = schedule.learning_rate(state.step)
-        losses = _step(fabric, model, optimizer, objective, batch)
-        sums, counted = sums + losses, counted + 1
-        if not math.isfinite(losses[0]):
-            raise _divergence(state.step + 1)
-        state.step += 1
-        _average_(average, network, config.average_decay, state.step)
-        report("train", state.step, schedule.steps, _note(state.history, losses[0]))
-        if schedule.is_time_to_look(state.step):
-            if rank == 0:
-                report("train", state.step, schedule.steps, "looking at the validation pictures")
-                _look(state, gathered, state.step // schedule.epoch, sums / counted, optimizer, threads)
-                _keep(network, optimizer, state, folder)
-            state.history = fabric.broadcast(state.history)
-            sums, counted = torch.zeros(4), 0
-            if state.history.is_spent(config.patience):
-                break
+    with closing(feed):
+        for batch in feed:
+            for group in optimizer.param_groups:
+                group["lr"] = schedule.learning_rate(state.step)
+            losses = _step(fabric, model, optimizer, objective, batch)
+            sums, counted = sums + losses, counted + 1
+            if not math.isfinite(losses[0]):
+                raise _divergence(state.step + 1)
+            state.step += 1
+            _average_(average, network, config.average_decay, state.step)
+            report("train", state.step, schedule.steps, _note(state.history, losses[0]))
+            if schedule.is_time_to_look(state.step):
+                if rank == 0:
+                    report("train", state.step, schedule.steps, "looking at the validation pictures")
+                    _look(state, gathered, state.step // schedule.epoch, sums / counted, optimizer, threads)
+                    _keep(network, optimizer, state, folder)
+                state.history = fabric.broadcast(state.history)
+                sums, counted = torch.zeros(4), 0
+                if state.history.is_spent(config.patience):
+                    break
     network.load_state_dict(state.best or average.state_dict())
     return state.history
 
@@ -167,7 +168,7 @@ def _step(fabric: Fabric, model: nn.Module, optimizer: Any, objective: Objective
     losses = objective(raw, _truth(batch, fabric.device))
     optimizer.zero_grad()
     fabric.backward(losses.total)
-    fabric.clip_gradients(model, optimizer, max_norm=_LARGEST_GRADIENT)
+    fabric.clip_gradients(model, optimizer, max_norm=_LARGEST_GRADIENT, error_if_nonfinite=False)
     optimizer.step()
     return torch.stack([losses.total.detach(), losses.box, losses.objectness, losses.classes]).cpu()
 
@@ -263,6 +264,8 @@ def _restore(
         with safe_open(path, "pt") as file:
             about = dict(file.metadata() or {})
         step, history = int(about["step"]), DetectorHistory(**json.loads(about["history"]))
+        if {len(column) for column in asdict(history).values()} != {len(history.epoch) or 1}:
+            raise ValueError("a history that makes no sense")
         tensors = load_file(path)
         moments: dict[int, dict[str, Tensor]] = {}
         for name, value in _part(tensors, "optimizer.").items():
@@ -271,14 +274,26 @@ def _restore(
         network.load_state_dict(_part(tensors, "network."))
         average.load_state_dict(_part(tensors, "average."))
         best = _part(tensors, "best.")
-        if {n: v.shape for n, v in best.items()} != {n: v.shape for n, v in network.state_dict().items()}:
+        parameters = dict(enumerate(p for group in optimizer.param_groups for p in group["params"]))
+        if _shapes(best) != _shapes(network.state_dict()) or moments.keys() != parameters.keys():
             raise ValueError("other weights")
+        if any(_shapes(moments[n]) != _moment_shapes(p) for n, p in parameters.items()):
+            raise ValueError("other moments")
         optimizer.load_state_dict({**optimizer.state_dict(), "state": moments})
     except (OSError, SafetensorError, KeyError, ValueError, TypeError, RuntimeError, RecursionError) as exc:
         raise ConfigError(
             f"{one_line(path)}: not a checkpoint of this network, or damaged; remove it, or begin with --overwrite"
         ) from exc
     return _State(step, history, average, best)
+
+
+def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, torch.Size]:
+    return {name: value.shape for name, value in tensors.items()}
+
+
+def _moment_shapes(parameter: Tensor) -> dict[str, torch.Size]:
+    """What AdamW keeps of a parameter."""
+    return {"step": torch.Size(()), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
 
 
 def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

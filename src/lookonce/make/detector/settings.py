@@ -68,7 +68,7 @@ class DetectorConfig:
         video_frames: of each sequence or video at most so many frames, evenly spread.
         teacher_score: the teacher's detections from here on are labels.
         teacher_doubt: between this and ``teacher_score`` they are neither taught nor negatives.
-        held_out: share of the pictures kept for validation, where none are given.
+        held_out: share of the pictures kept for validation, and of sequences where there are five or no stills.
         check_every: epochs between two looks at the validation pictures.
         patience: stop after so many looks without a better one.
         precision: of the arithmetic; ``auto`` mixes in bfloat16 on a GPU and on CPUs that have instructions for it.

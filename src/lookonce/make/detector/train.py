@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +14,7 @@ import torch
 from lightning_fabric import Fabric
 from numpy.typing import NDArray
 
-from lookonce.datasets import picture_size
+from lookonce.datasets import picture_size, usual_name
 from lookonce.errors import ConfigError, OutputError
 from lookonce.evaluation.detection.precision import DetectionScores
 from lookonce.make.darknet.cfg import read_cfg
@@ -135,18 +136,11 @@ def train_detector(
             if source.weights is not None:
                 _take_over_(network, original, source, classes)
             network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-            history = learn(
-                network,
-                gathered,
-                config,
-                folder,
-                fabric=fabric,
-                threads=threads,
-                report=progress.stage,
-            )
+            history = learn(network, gathered, config, folder, fabric=fabric, threads=threads, report=progress.stage)
+            about = _about(config, data, gathered)
+            metadata = _write(network.cpu().eval(), classes, output, folder, source, license, about)
     finally:
         torch.set_num_threads(before)
-    metadata = _write(network.cpu().eval(), classes, output, folder, source, license, _about(config, data, gathered))
     progress.say("measuring the model file")
     scores = measure(output, gathered.validation, classes, threads=threads)
     return DetectorResult(metadata, scores, history, len(gathered.training))
@@ -241,7 +235,7 @@ def _take_over_(
     if original.classes == len(classes) and (not source.names or source.names == classes):
         network.load_weights_(weights)
         return
-    rows = {name: number for number, name in enumerate(source.names)}
+    rows = {usual_name(name): number for number, name in enumerate(source.names)}
     for layer in original.outputs:
         index, anchors = layer.index - 1, len(original.output_spec(layer).anchors)
         theirs, ours = weights[index], own[index]
@@ -249,7 +243,8 @@ def _take_over_(
         bias = ours.bias.reshape(anchors, 5 + len(classes)).copy()
         their_kernel = theirs.kernel.reshape(anchors, 5 + original.classes, *theirs.kernel.shape[1:])
         their_bias = theirs.bias.reshape(anchors, 5 + original.classes)
-        pairs = [(n, n) for n in range(5)] + [(5 + n, 5 + rows[name]) for n, name in enumerate(classes) if name in rows]
+        pairs = [(n, n) for n in range(5)]
+        pairs += [(5 + n, 5 + rows[name]) for n, name in enumerate(map(usual_name, classes)) if name in rows]
         for mine, other in pairs:
             kernel[:, mine], bias[:, mine] = their_kernel[:, other], their_bias[:, other]
         weights[index] = replace(theirs, kernel=kernel.reshape(ours.kernel.shape), bias=bias.ravel())
@@ -279,6 +274,8 @@ def _write_file(path: Path, content: bytes) -> None:
         unfinished.write_bytes(content)
         unfinished.replace(path)
     except OSError as exc:
+        with suppress(OSError):
+            unfinished.unlink()
         raise OutputError(
             f"{path}: cannot be written ({exc.strerror}); make room or choose another place with -o"
         ) from exc

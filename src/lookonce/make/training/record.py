@@ -92,7 +92,7 @@ def fingerprint(data: Data) -> dict[str, str]:
 
 
 def _labels(objects: LabelledObjects) -> bytes:
-    return objects.xyxy.tobytes() + objects.identities.tobytes() + objects.visibility.tobytes()
+    return b"".join(a.tobytes() for a in (objects.xyxy, objects.identities, objects.labels, objects.visibility))
 
 
 def _name_and_size(path: Path) -> bytes:
