@@ -35,7 +35,7 @@ from lookonce import Detections, Model
 from lookonce.errors import LookonceError
 from lookonce.evaluation import average_precision, precision_recall
 from machine import describe_machine
-from stills import StillSet, read_stills, usual_names
+from stills import StillSet, read_frames, read_stills, usual_names
 from yolox import Yolox
 
 IOU_THRESHOLD = 0.45
@@ -142,7 +142,10 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("models", nargs="*", help="model files")
     parser.add_argument("--yolox", type=Path, help="also this file of YOLOX")
     parser.add_argument("--names", type=Path, default=DATA / "weights/coco.names", help="class names of --yolox")
-    parser.add_argument("--stills", nargs="+", required=True, metavar="FOLDER[:list.txt]")
+    parser.add_argument("--stills", nargs="+", default=[], metavar="FOLDER[:list.txt]")
+    parser.add_argument("--sequence", type=Path, help="also frames of this labelled sequence of pictures")
+    parser.add_argument("--start", type=int, default=0, help="first frame of --sequence, from 0")
+    parser.add_argument("--every", type=int, default=1, help="of --sequence")
     merged = parser.add_mutually_exclusive_group()
     merged.add_argument("--one-class", default="car,bus,truck", help="classes that count as one in the first figures")
     merged.add_argument(
@@ -165,6 +168,10 @@ def main() -> int:
     try:
         detectors: list[Detector] = [Model(path, threads=1, **settings) for path in arguments.models]
         sets = [read_set(text, arguments.limit) for text in arguments.stills]
+        if arguments.sequence:
+            sets.append(
+                read_frames(arguments.sequence, arguments.start, arguments.every, arguments.one_class.split(",")[0])
+            )
     except (LookonceError, ValueError) as error:
         sys.exit(str(error))
     if arguments.yolox:

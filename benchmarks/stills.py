@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lookonce import Detections
-from lookonce.datasets import open_stills, usual_name
+from lookonce.datasets import open_sequences, open_stills, usual_name
 from lookonce.evaluation import DetectionTruth
+from lookonce.video.images import frame_indices, pictures_in
 
 
 def usual_names(names: Sequence[str]) -> list[str]:
@@ -67,7 +68,8 @@ def read_stills(folder: Path, limit: int | None = None, listed: Path | None = No
     Args:
         folder: with ``images`` and ``labels``.
         limit: only the first so many pictures.
-        listed: a text file of picture names, one a line, with or without folder and ending; only these pictures.
+        listed: a text file of picture names, one a line, with or without folders and ending; only these pictures. Names
+            of another set, such as ``other/images/a.jpg``, and lines that begin with # are passed over.
 
     Raises:
         ValueError: a listed name is no picture of the folder.
@@ -75,7 +77,7 @@ def read_stills(folder: Path, limit: int | None = None, listed: Path | None = No
     stills = open_stills(folder)
     rows = list(range(len(stills.pictures)))
     if listed is not None:
-        wanted = {Path(line.strip()).stem for line in listed.read_text().splitlines() if line.strip()}
+        wanted = _names_of(listed, folder.resolve().name)
         rows = [row for row in rows if stills.pictures[row].stem in wanted]
         if missing := wanted - {stills.pictures[row].stem for row in rows}:
             raise ValueError(f"{listed}: no pictures of these names in {folder}: {', '.join(sorted(missing)[:5])}")
@@ -85,4 +87,27 @@ def read_stills(folder: Path, limit: int | None = None, listed: Path | None = No
         paths=tuple(stills.pictures[row] for row in rows),
         truths=tuple(DetectionTruth(stills.objects[row].xyxy, stills.objects[row].labels) for row in rows),
         classes=tuple(usual_names(stills.classes)),
+    )
+
+
+def _names_of(listed: Path, set_name: str) -> set[str]:
+    """The stems of the pictures of one set that a list names."""
+    paths = [Path(line.strip()) for line in listed.read_text().splitlines() if line.strip() and line[0] != "#"]
+    return {path.stem for path in paths if len(path.parts) < 3 or path.parts[-3] == set_name}
+
+
+def read_frames(folder: Path, start: int, every: int, only_class: str) -> StillSet:
+    """Every so many-th frame of a labelled sequence of pictures, from frame ``start`` on.
+
+    A sequence without classes, whose objects are just objects, has objects of ``only_class``.
+    """
+    (sequence,) = open_sequences(folder)
+    pictures = pictures_in(sequence.pictures)
+    paths = dict(zip(frame_indices(pictures), pictures, strict=True))
+    frames = [frame for frame in sequence.frames if frame.index >= start and (frame.index - start) % every == 0]
+    return StillSet(
+        name=f"{sequence.name}:{start}",
+        paths=tuple(paths[frame.index] for frame in frames),
+        truths=tuple(DetectionTruth(frame.objects.xyxy, frame.objects.labels) for frame in frames),
+        classes=(only_class,) if sequence.classes == ("object",) else tuple(usual_names(sequence.classes)),
     )

@@ -2,16 +2,16 @@
 
     python recipes/street/make.py --data ../shared/data -o build/street
 
-Three steps, each of which goes on where it was interrupted:
+Each step goes on where it was interrupted:
 
-1. detector: the network of street.cfg learns from labelled stills, the first half of PETS09-S2L1, and frames of
-   four clips; a teacher (YOLOX-nano) labels what is not labelled. Pictures in held-out.txt are of cameras that it
-   never sees.
-2. descriptors: `lookonce fit` of kind compact, on stills, clips and PETS' first half.
-3. the model file is written to OUT/street.onnx. Nothing is copied into the package: look at it first
-   (benchmarks/detector_quality.py, benchmarks/descriptors.py), then put it into src/lookonce/models/.
+1. detector, first round: the network of street.cfg learns from labelled stills, the first half of PETS09-S2L1, and
+   frames of four clips; a teacher (YOLOX-nano) labels what is not labelled. Pictures in held-out.txt are of cameras
+   that it never sees.
+2. detector, second round: fifteen rendered scenes come in, with other seeds than the demo's.
+3. descriptors: kind compact, on stills, clips and PETS' first half.
 
-Two to three hours on two cores with AVX-512 or AMX.
+The model file is OUT/street.onnx. Nothing is copied into the package: look at it first (benchmarks/detector_quality.py,
+benchmarks/descriptors.py), then put it into src/lookonce/models/. Two hours on two cores with AVX-512 or AMX.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from lookonce.make.detector.settings import DetectorConfig  # noqa: E402
 from lookonce.make.detector.train import NetworkSource, train_detector  # noqa: E402
 from lookonce.make.training.config import FitConfig  # noqa: E402
 from lookonce.make.training.fit import FitData, fit  # noqa: E402
+from lookonce.synthetic import SceneConfig, SyntheticScene, WriteOptions, write_scene  # noqa: E402
 from yolox import Yolox  # noqa: E402
 
 CLASSES = ("person", "bicycle", "motorcycle", "car", "bus", "truck")
@@ -47,6 +48,12 @@ CLIPS = (  # those in which the teacher sees what there is; haarcascades_video2 
     "udacity_carnd_test_video.mp4",
 )
 MORE_CLIPS = ("intel_car-detection.mp4", "simple_vehicle_counting_video.avi")  # for descriptors
+SCENES = tuple(seed for seed in range(16) if seed != 1)  # 1 is the demo's
+LIGHTS = ("day", "day", "change", "night")  # by seed
+FIRST_ROUND = DetectorConfig(epochs=40)
+SECOND_ROUND = DetectorConfig(
+    epochs=12, learning_rate=1e-3, warm_up_epochs=1, plain_epochs=4, check_every=4, fit_anchors=False, video_frames=30
+)
 HALF_OF_PETS = 397  # frames
 LICENSE = "Apache-2.0"
 TEACHERS_LEAST_SCORE = 0.1
@@ -59,21 +66,41 @@ def held_out() -> frozenset[str]:
 
 
 def first_half_of_pets(data: Path) -> LabelledSequence:
-    """Its other half is for tests."""
+    """Its other half is for tests. Its truth knows objects only, so the detector learns what the teacher sees there."""
     (pets,) = open_sequences(data / "sequences" / "PETS09-S2L1")
     return replace(pets, fps=7.0, frames=tuple(frame for frame in pets.frames if frame.index < HALF_OF_PETS))
 
 
-def make_detector(data: Path, output: Path, config: DetectorConfig, screen: StageScreen) -> None:
-    """Step 1."""
+def scenes(folder: Path, screen: StageScreen) -> tuple[LabelledSequence, ...]:
+    """Rendered ones, five frames a second of twenty seconds each."""
+    for seed in SCENES:
+        name = f"synth-{seed:04d}"
+        if not (folder / name / "seqinfo.ini").exists():
+            config = SceneConfig(seconds=20.4, fps=5, seed=seed, light=LIGHTS[seed % len(LIGHTS)])
+            options = WriteOptions(name=name, overwrite=True)
+            write_scene(
+                SyntheticScene(config), folder, "mot", lambda n, of, name=name: screen.stage(name, n, of), options
+            )
+    return open_sequences(folder)
+
+
+def make_detector(
+    data: Path,
+    source: NetworkSource,
+    more: tuple[LabelledSequence, ...],
+    output: Path,
+    config: DetectorConfig,
+    screen: StageScreen,
+) -> None:
+    """One round."""
     stills = tuple(open_stills(data / "stills" / name) for name in LABELLED)
     clips = tuple(data / "videos" / name for name in CLIPS)
-    pets = first_half_of_pets(data)
+    labelled = dict(LABELLED) | {sequence.name: CLASSES for sequence in more}
     names = read_class_names(data / "weights" / "coco.names")
     teacher = Yolox(data / "weights" / "yolox_nano.onnx", names, TEACHERS_LEAST_SCORE)
     result = train_detector(
-        NetworkSource(HERE / "street.cfg"),
-        DetectorData(stills, (pets,), clips, dict(LABELLED), held_out()),
+        source,
+        DetectorData(stills, (first_half_of_pets(data), *more), clips, labelled, held_out()),
         CLASSES,
         output,
         config,
@@ -82,7 +109,7 @@ def make_detector(data: Path, output: Path, config: DetectorConfig, screen: Stag
         license=LICENSE,
         progress=screen,
     )
-    screen.say(f"detector: AP50 {result.scores.mean.ap50:.3f} on pictures that were held out for validation")
+    screen.say(f"{output.stem}: AP50 {result.scores.mean.ap50:.3f} on pictures that were held out for validation")
 
 
 def make_descriptors(data: Path, detector: Path, output: Path, config: FitConfig, screen: StageScreen) -> None:
@@ -99,14 +126,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=HERE.parents[2] / "shared" / "data")
     parser.add_argument("-o", "--output", type=Path, default=Path("build/street"))
-    parser.add_argument("--epochs", type=int, default=60)
     arguments = parser.parse_args()
-    detector, model = arguments.output / "street-detector.onnx", arguments.output / "street.onnx"
+    data, folder = arguments.data, arguments.output
+    first, second, model = (folder / f"{name}.onnx" for name in ("first-round", "second-round", "street"))
     with StageScreen() as screen:
-        if not detector.exists():
-            make_detector(arguments.data, detector, DetectorConfig(epochs=arguments.epochs), screen)
+        if not first.exists():
+            make_detector(data, NetworkSource(HERE / "street.cfg"), (), first, FIRST_ROUND, screen)
+        if not second.exists():
+            made = first.with_suffix(".train")
+            source = NetworkSource(made / "network.cfg", made / "network.weights", CLASSES)
+            make_detector(data, source, scenes(folder / "scenes", screen), second, SECOND_ROUND, screen)
         if not model.exists():
-            make_descriptors(arguments.data, detector, model, FitConfig(), screen)
+            make_descriptors(data, second, model, FitConfig(), screen)
     print(f"{model}: made")
 
 

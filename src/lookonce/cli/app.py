@@ -13,6 +13,7 @@ from lookonce import __version__
 from lookonce.cli.demo import demo_command
 from lookonce.cli.detecting import train_detector_command
 from lookonce.cli.downloading import models_app
+from lookonce.cli.evaluating import eval_command
 from lookonce.cli.fitting import fit_command
 from lookonce.cli.importing import import_command
 from lookonce.cli.probing import probe_command
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 app.command("demo")(demo_command)
 app.command("track", no_args_is_help=True)(track_command)
+app.command("eval", no_args_is_help=True)(eval_command)
 app.command("fit", no_args_is_help=True)(fit_command)
 app.command("import", no_args_is_help=True)(import_command)
 app.add_typer(models_app, name="models")

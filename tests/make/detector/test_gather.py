@@ -325,3 +325,16 @@ def test_a_teacher_that_knows_nothing_more_is_not_asked(stills, tmp_path):
     run(data_of(stills), tmp_path, teacher=teacher, watcher=watcher)
     assert len(teacher.seen) == 24
     assert watcher.stages[-1] == ("teacher on boxes", 24, 24, "")
+
+
+def test_objects_of_a_sequence_that_others_hide_are_ignored(walk, tmp_path):
+    """An object of which nothing can be seen was taught as if it were there."""
+    (sequence,) = open_sequences(walk)
+    hidden = tuple(
+        replace(frame, objects=replace(frame.objects, visibility=np.array([1, 0.3, 0.2], np.float32)))
+        for frame in sequence.frames
+    )
+    found = run(DetectorData(sequences=(replace(sequence, frames=hidden),)), tmp_path, classes=sequence.classes)
+    for sample in found.training:
+        assert len(sample.xyxy) == len(sample.labels) == 2
+        assert len(sample.ignored) == 1

@@ -26,6 +26,7 @@ __all__ = ["DetectorData", "Gathered", "Teacher", "gather"]
 
 _SAME_OBJECT = 0.5  # overlap from which a teacher's box is one that is labelled already
 _JPEG_QUALITY = 92
+_LEAST_VISIBLE = 0.25  # of an object in a sequence: below, it is neither taught nor a negative
 _MANY_SEQUENCES = 5
 _VALIDATION_BLOCK = 8  # neighbouring pictures that stay together: they are often of one camera
 
@@ -187,9 +188,12 @@ def _of_sequence(
     frames = _frames(sequence.pictures, config.video_frames, folder, sequence.name, set(objects), report)
     samples = []
     for index, picture in frames:
-        labels = numbers[objects[index].labels]
-        kept = labels >= 0
-        samples.append(Sample(picture, objects[index].xyxy[kept], labels[kept], labelled, sequence.ignored))
+        there = objects[index]
+        labels = numbers[there.labels]
+        is_known, is_seen = labels >= 0, there.visibility >= _LEAST_VISIBLE
+        ignored = np.concatenate([sequence.ignored, there.xyxy[is_known & ~is_seen]])
+        taught = is_known & is_seen
+        samples.append(Sample(picture, there.xyxy[taught], labels[taught], labelled, ignored))
     return samples
 
 
