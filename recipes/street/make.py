@@ -8,7 +8,7 @@ Each step goes on where it was interrupted:
    frames of four clips; a teacher (YOLOX-nano) labels what is not labelled. Pictures in held-out.txt are of cameras
    that it never sees.
 2. detector, second round: fifteen rendered scenes come in, with other seeds than the demo's.
-3. descriptors: kind compact, on stills, clips and PETS' first half.
+3. descriptors: kind compact, on stills and PETS' first half.
 
 The model file is OUT/street.onnx. Nothing is copied into the package: look at it first (benchmarks/detector_quality.py,
 benchmarks/descriptors.py), then put it into src/lookonce/models/. Two hours on two cores with AVX-512 or AMX.
@@ -47,7 +47,6 @@ CLIPS = (  # those in which the teacher sees what there is; haarcascades_video2 
     "intel_one-by-one-person-detection.mp4",
     "udacity_carnd_test_video.mp4",
 )
-MORE_CLIPS = ("intel_car-detection.mp4", "simple_vehicle_counting_video.avi")  # for descriptors
 SCENES = tuple(seed for seed in range(16) if seed != 1)  # 1 is the demo's
 LIGHTS = ("day", "day", "change", "night")  # by seed
 FIRST_ROUND = DetectorConfig(epochs=40)
@@ -113,10 +112,9 @@ def make_detector(
 
 
 def make_descriptors(data: Path, detector: Path, output: Path, config: FitConfig, screen: StageScreen) -> None:
-    """Step 2."""
+    """The last step."""
     stills = tuple(open_stills(data / "stills" / name) for name in LABELLED)
-    clips = tuple(data / "videos" / name for name in (*CLIPS, *MORE_CLIPS))
-    source = FitData((first_half_of_pets(data),), stills, clips)
+    source = FitData((first_half_of_pets(data),), stills)
     result = fit(detector, source, output, config, folder=output.with_suffix(".fit"), progress=screen)
     screen.say(f"descriptors: equal error rate {result.validation.error_rate:.3f} on identities that were held out")
 

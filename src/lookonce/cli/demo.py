@@ -27,12 +27,12 @@ _EXAMPLES = """
 
   lookonce demo
 
-  lookonce demo -o out/ --place highway --light night --seed 7
+  lookonce demo -o out/ --place junction --light night --seed 7
 
 [bold]Afterwards[/bold]  look at lookonce-demo/annotated.mp4, then: lookonce track your.mp4
 """
 
-_SCENE = SceneConfig(seconds=20, fps=15, seed=1, place="junction", ignored_regions=False)
+_SCENE = SceneConfig(seconds=20, fps=15, seed=22, place="highway", ignored_regions=False)
 _FILES = ("scene.mp4", "annotated.mp4", "trails.png", "tracks.txt", "tracks.jsonl")
 
 
