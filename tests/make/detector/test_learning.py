@@ -38,8 +38,9 @@ COUNT = 12
 CONFIG = replace(CONFIG, epochs=4, check_every=1, batch=4)  # 3 steps an epoch
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def _one_thread():
+    """For the fixtures of the module too: sums depend on the number of threads."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
