@@ -211,6 +211,12 @@ def test_figures_that_are_not_the_benchmarks_say_so(tmp_path):
     assert "--benchmark MOT17 for its rules" in done("--truth", folder, "--results", results).stdout
 
 
+def test_ignored_regions_that_do_not_matter_are_told(truth, results):
+    assert "ignored region" not in done("--truth", truth, "--results", results).stdout
+    write(truth / "a" / "ignore.txt", "1,1,5,5\n")
+    assert "1 ignored regions of the truth do not matter" in done("--truth", truth, "--results", results).stdout
+
+
 def test_what_is_left_out_is_named(truth, results):
     write(results / "a.txt", result_lines() + f"{FRAMES + 5},1,5,5,12,10,1,-1,-1,-1\n")
     assert (

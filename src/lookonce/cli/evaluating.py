@@ -23,7 +23,7 @@ from lookonce.cli.evaluated_results import (
 from lookonce.cli.evaluated_runs import ClassChoice, EvaluatedRun, choose_classes, evaluate_run
 from lookonce.cli.evaluated_truth import BENCHMARKS, TrueSequence, open_truth, thin
 from lookonce.cli.evaluation_files import check_output, csv_text, json_text, write_text
-from lookonce.cli.evaluation_screen import Limit, print_hint, print_left_out, print_pr, print_runs, shortfalls
+from lookonce.cli.evaluation_screen import Limit, print_hints, print_left_out, print_pr, print_runs, shortfalls
 from lookonce.cli.figures import Column, choose_columns, figures_of
 from lookonce.cli.pr_curve import DetectorCurve, read_detector_curve
 from lookonce.cli.stages import StageScreen
@@ -310,7 +310,7 @@ def _finish(
     if pr is not None:
         print_pr(pr)
     print_left_out(runs)
-    print_hint([one.name for one in truth], settings.benchmark, settings.protocol)
+    print_hints(truth, settings.benchmark, settings.protocol)
     misses = shortfalls(settings.limits, runs)
     about: dict[str, object] = {
         "protocol": settings.protocol,

@@ -9,11 +9,12 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 
 from lookonce.cli.evaluated_runs import EvaluatedRun
+from lookonce.cli.evaluated_truth import TrueSequence
 from lookonce.cli.figures import Column, choose_columns, figures_of, print_table
 from lookonce.errors import ConfigError
 from lookonce.evaluation import PRScores
 
-__all__ = ["Limit", "print_hint", "print_left_out", "print_pr", "print_runs", "shortfalls"]
+__all__ = ["Limit", "print_hints", "print_left_out", "print_pr", "print_runs", "shortfalls"]
 
 _PR_HEADINGS = {
     "mota": "PR-MOTA",
@@ -121,8 +122,12 @@ def print_left_out(runs: Sequence[EvaluatedRun]) -> None:
             _say(f"{where}no boxes in the results of: {', '.join(empty)}")
 
 
-def print_hint(names: Sequence[str], benchmark: str, protocol: str) -> None:
-    """Says so where sequences are called as a benchmark's and its rules are not followed."""
+def print_hints(truth: Sequence[TrueSequence], benchmark: str, protocol: str) -> None:
+    """Says so where sequences are called as a benchmark's, or have ignored regions, and no rule follows from it."""
+    names = [one.name for one in truth]
+    regions = sum(len(one.truth.ignored) for one in truth)
+    if regions and protocol == "trackeval":
+        _say(f"{regions:,} ignored regions of the truth do not matter in protocol trackeval; they do in detrac")
     found = sorted({match[0].upper() for name in names if (match := _BENCHMARK.match(name))})
     if found and not benchmark and protocol == "trackeval":
         _say(f"these are not {found[0]}'s official figures: every object counts; --benchmark {found[0]} for its rules")
