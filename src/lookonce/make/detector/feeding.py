@@ -20,8 +20,6 @@ from lookonce.make.training.pictures import open_picture
 
 __all__ = ["Pictures", "batches", "steps_in_epoch"]
 
-_TIMES_AS_LARGE = 1.0  # pictures are kept so many times as large as they fit the network's input
-
 
 class Pictures:
     """The decoded pictures of all samples, kept in memory as far as there is room.
@@ -44,7 +42,7 @@ class Pictures:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module=r"PIL\.")  # of pictures that are large, and of damaged EXIF
             picture, factor = open_picture(self._samples[index].picture, self._size)
-        fit = min(self._size[1] / picture.width, self._size[0] / picture.height) * _TIMES_AS_LARGE
+        fit = min(self._size[1] / picture.width, self._size[0] / picture.height)
         if fit < 1:
             smaller = max(1, round(picture.width * fit)), max(1, round(picture.height * fit))
             factor = factor * np.tile(np.array(smaller) / picture.size, 2)
