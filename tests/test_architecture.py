@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "lookonce"
 OURS = "lookonce"
 
 # in this order: each may import earlier ones
-LEAVES = ("errors", "boxes", "distances", "letterbox", "structures", "config")
+LEAVES = ("errors", "boxes", "distances", "letterbox", "structures", "config", "interrupts")
 
 # room -> ours, third party; "make.darknet" is a room inside a room, and the longest name that fits counts
 ROOMS: dict[str, tuple[set[str], set[str]]] = {

@@ -1,3 +1,4 @@
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,22 @@ def test_missing_descriptors_are_explained(tmp_path: Path) -> None:
     clip = write_clip(tmp_path / "clip.mp4", frames=2)
     with pytest.raises(lookonce.ConfigError, match=r"plain\.onnx.*no descriptors"):
         list(lookonce.track(clip, tmp_path / "plain.onnx"))
+
+
+def test_an_interrupt_in_mid_write_loses_no_sink_a_frame(square_clip: Path, square_model: Path) -> None:
+    written: list[list[int]] = [[], []]
+
+    class Interrupted:
+        def __init__(self, number: int) -> None:
+            self.number = number
+
+        def write(self, frame, tracks) -> None:
+            if self.number == 0 and frame.index == 3:
+                signal.raise_signal(signal.SIGINT)
+            written[self.number].append(frame.index)
+
+    model = lookonce.Model(square_model)
+    with lookonce.video.open_video(square_clip) as video, pytest.raises(KeyboardInterrupt):
+        for _ in track_video(video, model, tracker_for(model), sinks=[Interrupted(0), Interrupted(1)]):
+            pass
+    assert written == [[0, 1, 2, 3], [0, 1, 2, 3]]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.errors import ConfigError
+from lookonce.interrupts import interrupts_deferred
 from lookonce.letterbox import Fit, Letterboxer
 from lookonce.model import Model, available_cpus
 from lookonce.output import Sink
@@ -182,7 +183,7 @@ def track_video(
                     if labels is not None and len(labels):
                         detections = detections[np.isin(detections.labels, labels)]
                     tracks = replace(tracker.update(detections, frame.time_s), names=model.names)
-                with times.stage("write"):
+                with times.stage("write"), interrupts_deferred():
                     for sink in sinks:
                         sink.write(frame, tracks)
                 times.frames += 1
