@@ -16,18 +16,18 @@ PACKAGE = Path(__file__).parents[1] / "src" / "lookonce"
 OURS = "lookonce"
 
 # in this order: each may import earlier ones
-LEAVES = ("errors", "boxes", "distances", "letterbox", "structures", "config", "interrupts")
+LEAVES = ("errors", "boxes", "distances", "letterbox", "structures", "config", "interrupts", "assignment")
+EXTRA = {"letterbox": {"av"}, "assignment": {"lap"}}
 
 # room -> ours, third party; "make.darknet" is a room inside a room, and the longest name that fits counts
 ROOMS: dict[str, tuple[set[str], set[str]]] = {
-    leaf: (set(LEAVES[:number]), {"numpy"} | ({"av"} if leaf == "letterbox" else set()))
-    for number, leaf in enumerate(LEAVES)
+    leaf: (set(LEAVES[:number]), {"numpy"} | EXTRA.get(leaf, set())) for number, leaf in enumerate(LEAVES)
 } | {
     "": ({*LEAVES, "model", "pipeline", "tracking", "video"}, set()),  # the public names
     "video": ({*LEAVES}, {"av", "numpy"}),
     "models": ({*LEAVES}, {"platformdirs"}),
     "model": ({*LEAVES, "models"}, {"numpy", "onnxruntime"}),
-    "tracking": ({*LEAVES}, {"numpy", "scipy"}),
+    "tracking": ({*LEAVES}, {"numpy"}),
     "output": ({*LEAVES, "video"}, {"numpy", "PIL", "av", "pyarrow"}),
     "datasets": ({*LEAVES, "video"}, {"numpy", "PIL", "defusedxml"}),
     "synthetic": ({*LEAVES, "video", "datasets"}, {"numpy", "PIL"}),
@@ -57,6 +57,8 @@ ROOMS["make.training"] = (
 )
 ROOMS["cli"][0].update({"demo", "make.training"})
 ROOMS["cli"][0].add("synthetic")
+ROOMS["report"] = ({*LEAVES, "datasets", "evaluation", "video", "model"}, {"numpy", "PIL"})
+ROOMS["cli"][0].add("report")
 ROOMS["make.detector"] = (
     ROOMS["make"][0] | {"make.darknet", "make.training"},
     ROOMS["make"][1] | {"PIL", "lightning_fabric"},

@@ -19,7 +19,7 @@ def rows(frames):
 
 def test_each_square_keeps_its_id_through_the_clip(square_clip: Path, square_model: Path) -> None:
     seen: dict[int, set[float]] = {}
-    for frame in lookonce.track(square_clip, square_model):
+    for frame in lookonce.track(square_clip, square_model, "paper"):
         assert [t.id for t in frame.tracks] == [1, 2, 3]
         for t in frame.tracks:
             seen.setdefault(t.id, set()).add(round(float(t.xyxy[1])))
@@ -27,7 +27,7 @@ def test_each_square_keeps_its_id_through_the_clip(square_clip: Path, square_mod
 
 
 def test_names_times_and_images_come_with_the_frame(square_clip: Path, square_model: Path) -> None:
-    frames = list(lookonce.track(square_clip, square_model))
+    frames = list(lookonce.track(square_clip, square_model, "paper"))
     assert [f.index for f in frames] == list(range(12))
     assert [round(f.time_s, 3) for f in frames] == [round(i / 10, 3) for i in range(12)]
     assert {t.name for t in frames[0].tracks} == {"red", "other"}
@@ -66,7 +66,7 @@ def test_the_parts_by_hand_give_what_track_gives(tmp_path: Path, square_model: P
             writer.write(np.kron(picture(index), np.ones((3, 5, 1), np.uint8)) // 2 + 40, index / 10)
     model, tracker = lookonce.Model(square_model, score_threshold=0.01), lookonce.Tracker("paper")
     by_hand = [tracker.update(model.detect(frame), frame.time_s) for frame in lookonce.open_video(clip)]
-    at_once = [frame.tracks for frame in lookonce.track(clip, model)]
+    at_once = [frame.tracks for frame in lookonce.track(clip, model, "paper")]
     assert len(by_hand) == len(at_once) == 6
     for ours, theirs in zip(by_hand, at_once, strict=True):
         assert ours.ids.tolist() == theirs.ids.tolist()
@@ -155,7 +155,8 @@ def test_missing_descriptors_are_explained(tmp_path: Path) -> None:
     import_darknet(cfg, weights, tmp_path / "plain.onnx", names=names, descriptors=False)
     clip = write_clip(tmp_path / "clip.mp4", frames=2)
     with pytest.raises(lookonce.ConfigError, match=r"plain\.onnx.*no descriptors"):
-        list(lookonce.track(clip, tmp_path / "plain.onnx"))
+        list(lookonce.track(clip, tmp_path / "plain.onnx", "paper"))
+    assert len(list(lookonce.track(clip, tmp_path / "plain.onnx"))) == 2  # the default preset can do without
 
 
 def test_an_interrupt_in_mid_write_loses_no_sink_a_frame(square_clip: Path, square_model: Path) -> None:

@@ -13,6 +13,7 @@ import lookonce
 
 PUBLIC = {
     "ConfigError",
+    "DefaultConfig",
     "Detections",
     "FormatError",
     "Frame",

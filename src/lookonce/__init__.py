@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from lookonce.model import Model
     from lookonce.pipeline import TrackedFrame, track
     from lookonce.structures import Detections, Track, Tracks
-    from lookonce.tracking import PaperConfig, Tracker
+    from lookonce.tracking import DefaultConfig, PaperConfig, Tracker
     from lookonce.video import Frame, open_video
 
 __version__ = "0.1.0"
 
 __all__ = [
     "ConfigError",
+    "DefaultConfig",
     "Detections",
     "FormatError",
     "Frame",
@@ -58,6 +59,7 @@ __all__ = [
 
 _HOMES = {
     "ConfigError": "errors",
+    "DefaultConfig": "tracking",
     "Detections": "structures",
     "FormatError": "errors",
     "Frame": "video",

@@ -5,17 +5,41 @@ from __future__ import annotations
 import difflib
 import sys
 import tomllib
+from collections.abc import Container
 from dataclasses import fields
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from lookonce.errors import ConfigError, FormatError
 
-__all__ = ["read_settings"]
+__all__ = ["check_numbers", "read_settings"]
 
 _MAX_BYTES = 1 << 20
 _TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool}
 _IN_WORDS = {"int": "a whole number", "float": "a number", "str": "a text in quotes", "bool": "true or false"}
+
+
+_LARGEST = 1e6
+
+
+def check_numbers(settings: object, above_zero: Container[str] = ()) -> None:
+    """Refuse a dataclass of settings of which a number is below 0, huge or not finite.
+
+    Args:
+        settings: fields that are no numbers are not looked at.
+        above_zero: names of those that may not be 0 either.
+
+    Raises:
+        ConfigError: the name of the first, with its value.
+    """
+    for field in fields(settings):  # type: ignore[arg-type]
+        value = getattr(settings, field.name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            continue
+        least = "above 0" if field.name in above_zero else "0"
+        if not (isfinite(value) and 0 <= value <= _LARGEST) or (field.name in above_zero and value == 0):
+            raise ConfigError(f"{field.name}={value}: expected {least} to {_LARGEST:g}")
 
 
 def read_settings(path: Path, settings: type) -> dict[str, Any]:

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lookonce.errors import OutputError
-from lookonce.evaluation import TrackingResult, TrackingScores, TrackingTruth, evaluate_tracking
+from lookonce.evaluation import ResultCollector, TrackingScores, TrackingTruth, evaluate_tracking
 from lookonce.model import Model
 from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, TrackPainter, TrailMemory
 from lookonce.pipeline import share_processors, track_video, tracker_for
-from lookonce.structures import Tracks
 from lookonce.synthetic import FrameTruth, SceneConfig, SyntheticScene
 from lookonce.video import Frame, VideoSource, VideoWriter
 from lookonce.video.source import Findings
@@ -50,7 +49,7 @@ def run_demo(
     model: Model,
     scene: SceneConfig,
     *,
-    preset: str = "paper",
+    preset: str = "default",
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> DemoResult:
     """Render a scene, track it, and hold the tracks against the truth.
@@ -68,7 +67,7 @@ def run_demo(
     stage = _Stage(SyntheticScene(scene))
     video, tracker = stage.source(), tracker_for(model, preset)
     files = [folder / name for name in ("scene.mp4", "annotated.mp4", "trails.png", "tracks.txt", "tracks.jsonl")]
-    trails, painter, tracked = TrailMemory(TRAIL_S), TrackPainter(model.names), _Tracked()
+    trails, painter, tracked = TrailMemory(TRAIL_S), TrackPainter(model.names), ResultCollector()
     with ExitStack() as stack:
         writer = stack.enter_context(VideoWriter(files[0], scene.fps))
         annotated = stack.enter_context(AnnotatedVideoSink(files[1], model.names, scene.fps, TRAIL_S))
@@ -85,7 +84,7 @@ def run_demo(
             tracked.add(shown.index, shown.tracks)
             report(done, scene.frames)
     truth = stage.truth()
-    scores = evaluate_tracking(truth, tracked.result())
+    scores = evaluate_tracking(truth, tracked.result(one_class=True))
     return DemoResult(scores, scene.frames, len(np.unique(truth.ids[truth.is_counted])), tuple(files))
 
 
@@ -122,32 +121,6 @@ class _Stage:
             labels=np.concatenate([part.labels for part in objects]),
             is_counted=is_counted,
             is_distractor=~is_counted,
-        )
-
-
-class _Tracked:
-    """The rows that have an identity, frame by frame."""
-
-    def __init__(self) -> None:
-        self._frames: list[NDArray[np.int64]] = []
-        self._ids: list[NDArray[np.int64]] = []
-        self._xyxy: list[NDArray[np.float64]] = []
-
-    def add(self, index: int, tracks: Tracks) -> None:
-        """One frame's."""
-        rows = tracks.ids >= 0
-        self._frames.append(np.full(int(rows.sum()), index, np.int64))
-        self._ids.append(tracks.ids[rows])
-        self._xyxy.append(tracks.xyxy[rows].astype(np.float64))
-
-    def result(self) -> TrackingResult:
-        """All of them, classes as one."""
-        ids = np.concatenate([np.zeros(0, np.int64), *self._ids])
-        return TrackingResult(
-            row_frames=np.concatenate([np.zeros(0, np.int64), *self._frames]),
-            ids=ids,
-            xyxy=np.concatenate([np.zeros((0, 4)), *self._xyxy]),
-            labels=np.zeros(len(ids), np.int64),
         )
 
 

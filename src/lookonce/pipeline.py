@@ -19,12 +19,14 @@ from lookonce.letterbox import Fit, Letterboxer
 from lookonce.model import Model, available_cpus
 from lookonce.output import Sink
 from lookonce.structures import Detections, Tracks
-from lookonce.tracking import PRESETS, Tracker
+from lookonce.tracking import DefaultConfig, PaperConfig, Tracker, TrackerConfig
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 
-__all__ = ["StageTimes", "TrackedFrame", "share_processors", "track", "track_video", "tracker_for"]
+__all__ = ["StageTimes", "TrackedFrame", "detector_score", "share_processors", "track", "track_video", "tracker_for"]
 
+_PAPERS_SCORE = 0.25  # the usual one of detectors
 _FRAMES_AHEAD = 4
+_FRAMES_REMEMBERED = 4096  # rows of frames longer ago are not given back
 _MOST_WORKERS = 4  # each inference in flight holds its own activations in memory
 
 
@@ -80,7 +82,7 @@ class StageTimes:
 def track(
     source: str | int | os.PathLike[str],
     model: str | os.PathLike[str] | Model = "street",
-    tracker: str | Tracker = "paper",
+    tracker: str | Tracker = "default",
     *,
     classes: Sequence[str | int] = (),
     start_s: float = 0.0,
@@ -112,7 +114,8 @@ def track(
         workers = 1
         if not isinstance(model, Model):
             threads, workers = share_processors(video.is_live)
-            model = Model(model, threads=threads)
+            preset = tracker.config if isinstance(tracker, Tracker) else tracker
+            model = Model(model, threads=threads, score_threshold=detector_score(preset))
         if not isinstance(tracker, Tracker):
             tracker = tracker_for(model, tracker)
         yield from track_video(video, model, tracker, labels=model.labels_of(classes), workers=workers)
@@ -136,18 +139,30 @@ def share_processors(is_live: bool, threads: int | None = None, provider: str = 
     return threads or max(1, processors // workers), workers
 
 
-def tracker_for(model: Model, preset: str = "paper", match_threshold: float | None = None) -> Tracker:
+def detector_score(preset: str | TrackerConfig) -> float:
+    """The score from which on a preset wants detections: the stronger ones make use of weak ones.
+
+    Raises:
+        ConfigError: there is no such preset.
+    """
+    config = Tracker(preset).config
+    return config.low_score if isinstance(config, DefaultConfig) else _PAPERS_SCORE
+
+
+def tracker_for(model: Model, preset: str | TrackerConfig = "default", match_threshold: float | None = None) -> Tracker:
     """A tracker with a preset's settings; the threshold as given, else as calibrated for the model, else the preset's.
 
     Raises:
-        ConfigError: there is no such preset, the threshold is out of range, or the model has no descriptors.
+        ConfigError: there is no such preset, the threshold is out of range, or the model has no descriptors and the
+            preset cannot do without.
     """
-    tracker = Tracker(preset)
-    if model.metadata.descriptor is None:
-        raise ConfigError(f"{model.path}: has no descriptors, which tracker '{preset}' needs; import it with them")
-    calibrated = model.metadata.descriptor.match_threshold
+    config = Tracker(preset).config
+    descriptor = model.metadata.descriptor
+    if descriptor is None and isinstance(config, PaperConfig):
+        raise ConfigError(f"{model.path}: has no descriptors, which tracker 'paper' needs; import it with them")
+    calibrated = None if descriptor is None else descriptor.match_threshold
     threshold = match_threshold if match_threshold is not None else calibrated
-    return tracker if threshold is None else Tracker(replace(PRESETS[preset](), match_threshold=threshold))
+    return Tracker(config if threshold is None else replace(config, match_threshold=threshold))
 
 
 def track_video(
@@ -178,16 +193,29 @@ def track_video(
     times.workers = workers
     with prefetch(_letterboxed(video, model.size, times), depth=_FRAMES_AHEAD) as prepared:
         with closing(_detect(prepared, model, workers, times)) as detected:
-            for frame, detections in detected:
+            indices: deque[int] = deque(maxlen=_FRAMES_REMEMBERED)
+            for update, (frame, detections) in enumerate(detected):
+                indices.append(frame.index)
                 with times.stage("associate"):
                     if labels is not None and len(labels):
                         detections = detections[np.isin(detections.labels, labels)]
                     tracks = replace(tracker.update(detections, frame.time_s), names=model.names)
+                    tracks = _in_source_frames(tracks, indices, update)
                 with times.stage("write"), interrupts_deferred():
                     for sink in sinks:
                         sink.write(frame, tracks)
                 times.frames += 1
                 yield TrackedFrame(frame, tracks)
+
+
+def _in_source_frames(tracks: Tracks, indices: Sequence[int], update: int) -> Tracks:
+    """Tracks whose rows that are given back say the frame of the source instead of the number of the update."""
+    back = tracks.given_back
+    if not len(back):
+        return tracks
+    known = back.part(back.frames > update - len(indices))
+    frames = np.array([indices[number - update - 1] for number in known.frames.tolist()], np.int64)
+    return replace(tracks, given_back=replace(known, frames=frames))
 
 
 _Prepared = tuple[Frame, NDArray[np.uint8], Fit]

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_ID", "Detections", "Track", "Tracks", "check_array", "check_boxes", "check_finite", "class_name"]
+__all__ = [
+    "NO_ID",
+    "Detections",
+    "GivenBack",
+    "Track",
+    "Tracks",
+    "check_array",
+    "check_boxes",
+    "check_finite",
+    "class_name",
+]
 
 NO_ID = -1
 """The id of a row that has no identity (yet)."""
@@ -123,6 +133,45 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
+class GivenBack:
+    """Rows of earlier frames that get their identity now, because their object is confirmed only now.
+
+    Attributes:
+        frames: (G,) int64, the frame of each row: from a tracker, the number of its update, from 0; from the pipeline,
+            the frame's number in the source.
+        rows: (G,) int64, its place among the rows of that frame.
+        ids: (G,) int64.
+        xyxy: (G, 4) float32, px of the original image: the detections' boxes.
+        scores: (G,) float32.
+        labels: (G,) int64.
+    """
+
+    frames: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    ids: NDArray[np.int64]
+    xyxy: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    labels: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def part(self, chosen: NDArray[np.bool_]) -> GivenBack:
+        """The chosen rows (G,)."""
+        rows = self.frames[chosen], self.rows[chosen], self.ids[chosen]
+        return GivenBack(*rows, self.xyxy[chosen], self.scores[chosen], self.labels[chosen])
+
+    @classmethod
+    def nothing(cls) -> GivenBack:
+        """No rows."""
+        return _NOTHING
+
+
+_NONE = np.zeros(0, np.int64)
+_NOTHING = GivenBack(_NONE, _NONE, _NONE, np.zeros((0, 4), np.float32), np.zeros(0, np.float32), _NONE)
+
+
+@dataclass(frozen=True, slots=True)
 class Tracks:
     """A tracker's answer for one frame: one row for each detection row, in the same order.
 
@@ -134,6 +183,7 @@ class Tracks:
         unseen_ids: (U,) int64, objects that are alive and were not detected in this frame.
         unseen_xyxy: (U, 4) float32, where the tracker believes them to be.
         names: class names by label, where known.
+        given_back: rows of earlier frames that belong to objects confirmed in this one.
     """
 
     ids: NDArray[np.int64]
@@ -143,6 +193,7 @@ class Tracks:
     unseen_ids: NDArray[np.int64]
     unseen_xyxy: NDArray[np.float32]
     names: tuple[str, ...] = ()
+    given_back: GivenBack = _NOTHING
 
     def __len__(self) -> int:
         return len(self.ids)

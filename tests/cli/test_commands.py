@@ -38,7 +38,7 @@ def assert_one_line(result: subprocess.CompletedProcess[str], code: int, *parts:
 
 
 def test_track_writes_results_that_agree(square_clip: Path, square_model: Path, tmp_path: Path) -> None:
-    result = lookonce("track", square_clip, "-m", square_model, "-o", tmp_path / "out")
+    result = lookonce("track", square_clip, "-m", square_model, "--tracker", "paper", "-o", tmp_path / "out")
     assert result.returncode == 0, result.stderr
     mot = (tmp_path / "out" / "tracks.txt").read_text().splitlines()
     header, *frames = map(json.loads, (tmp_path / "out" / "tracks.jsonl").read_text().splitlines())
@@ -245,7 +245,7 @@ def test_ctrl_c_in_mid_run_keeps_the_results_so_far(square_model: Path, tmp_path
 
     clip = write_clip(tmp_path / "long.mp4", frames=6000)
     out = tmp_path / "out"
-    command = [*INTERRUPTIBLE, "track", str(clip), "-m", str(square_model), "-o", str(out)]
+    command = [*INTERRUPTIBLE, "track", str(clip), "-m", str(square_model), "--tracker", "paper", "-o", str(out)]
     with subprocess.Popen(command, env=PLAIN, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         results = out / "tracks.jsonl"
         deadline = time.monotonic() + 60

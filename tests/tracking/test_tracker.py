@@ -9,7 +9,7 @@ import pytest
 import supervision
 
 from lookonce.errors import ConfigError
-from lookonce.tracking import PRESETS, PaperConfig, Tracker
+from lookonce.tracking import PRESETS, DefaultConfig, PaperConfig, Tracker
 from tracking.scenes import at_angle, make_detections
 
 
@@ -20,9 +20,11 @@ def _rows(count, dtype=np.float64):
 
 
 def test_preset_is_chosen_by_name_or_settings():
-    assert Tracker().config == Tracker("paper").config == PRESETS["paper"]() == PaperConfig()
+    assert Tracker().config == Tracker("default").config == PRESETS["default"]() == DefaultConfig()
+    assert Tracker("paper").config == PRESETS["paper"]() == PaperConfig()
+    assert Tracker("iou").config == DefaultConfig(appearance=False)
     assert Tracker(PaperConfig(0.5)).config.match_threshold == 0.5
-    with pytest.raises(ConfigError, match="tracker 'papper': expected one of paper"):
+    with pytest.raises(ConfigError, match="tracker 'papper': expected one of default, iou, paper"):
         Tracker("papper")
 
 

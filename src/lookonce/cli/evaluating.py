@@ -31,6 +31,7 @@ from lookonce.cli.sweeping import Sweeper, SweepSettings, parse_sweep
 from lookonce.datasets import read_class_names
 from lookonce.errors import ConfigError
 from lookonce.evaluation import PROTOCOLS, DetracScores, PRScores, pr_scores
+from lookonce.pipeline import detector_score
 from lookonce.video.opening import one_line
 
 __all__ = ["eval_command"]
@@ -111,7 +112,16 @@ _DetectorPr = Annotated[
 _Sweep = Annotated[str, typer.Option(metavar="every=1,2,4", help="Track on every n-th frame.", rich_help_panel=_SWEEP)]
 _Model = Annotated[str, typer.Option("-m", "--model", help="Model file or name.", rich_help_panel=_SWEEP)]
 _Tracker = Annotated[str, typer.Option(help="Tracking preset.", rich_help_panel=_SWEEP)]
-_Score = Annotated[float, typer.Option(help="Keep detections above this score.", min=0, max=1, rich_help_panel=_SWEEP)]
+_Score = Annotated[
+    float | None,
+    typer.Option(
+        help="Keep detections above this score.",
+        min=0,
+        max=1,
+        show_default="0.1; paper: 0.25",
+        rich_help_panel=_SWEEP,
+    ),
+]
 _Provider = Annotated[str, typer.Option(help="Where the model runs: cpu, cuda or openvino.", rich_help_panel=_SWEEP)]
 _Threads = Annotated[
     int | None,
@@ -164,8 +174,8 @@ def eval_command(
     detector_pr: _DetectorPr = None,
     sweep: _Sweep = "",
     model: _Model = "street",
-    tracker: _Tracker = "paper",
-    score: _Score = 0.25,
+    tracker: _Tracker = "default",
+    score: _Score = None,
     provider: _Provider = "cpu",
     threads: _Threads = None,
 ) -> None:
@@ -191,7 +201,8 @@ def eval_command(
     if sweep:
         if results or detector_pr:
             raise ConfigError("--sweep tracks by itself; leave --results and --detector-pr away")
-        _run_sweep(settings, SweepSettings(parse_sweep(sweep), model, tracker, score, provider, threads))
+        chosen_score = detector_score(tracker) if score is None else score
+        _run_sweep(settings, SweepSettings(parse_sweep(sweep), model, tracker, chosen_score, provider, threads))
     else:
         _run_results(settings, results or [], detector_pr)
 

@@ -19,14 +19,13 @@ from lookonce.errors import ConfigError
 from lookonce.model import describe_model
 from lookonce.models import find_model
 from lookonce.output import prepare_output_folder
-from lookonce.tracking import PRESETS
+from lookonce.tracking import PaperConfig
 
 if TYPE_CHECKING:
     from lookonce.make.probing import Measures, ProbeResult, Tally
 
 __all__ = ["probe_command"]
 
-_PRESET = "paper"
 _NO_EXTRA = "probe needs the extra 'train' ({} is missing); pip install 'lookonce[train]'"
 _ASPECTS = {
     "time_gap": "time apart",
@@ -36,7 +35,7 @@ _ASPECTS = {
 }
 _SOURCES = {
     "model file": "from the model file",
-    "setting": f"preset {_PRESET}; the model file is not calibrated",
+    "setting": "preset paper; the model file is not calibrated",
     "equal error rate": "of the equal error rate",
 }
 
@@ -123,7 +122,7 @@ probe_command.__doc__ = f"{probe_command.__doc__}\n{_EXAMPLES}"
 def _threshold_without_calibration(path: Path) -> float | None:
     """What a tracker takes where the model file says nothing; None where it does."""
     info = describe_model(path).descriptor
-    return PRESETS[_PRESET]().match_threshold if info is None or info.match_threshold is None else None
+    return PaperConfig().match_threshold if info is None or info.match_threshold is None else None
 
 
 def _open_data(data: list[Path], frames: Path | None) -> tuple[LabelledSequence, ...]:

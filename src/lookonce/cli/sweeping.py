@@ -13,16 +13,14 @@ from lookonce.cli.evaluated_truth import TrueSequence
 from lookonce.cli.stages import StageScreen
 from lookonce.datasets import usual_name
 from lookonce.errors import ConfigError
-from lookonce.evaluation import TrackingResult
+from lookonce.evaluation import ResultCollector
 from lookonce.model import Model
 from lookonce.pipeline import share_processors, track_video, tracker_for
-from lookonce.structures import NO_ID
 from lookonce.video import open_video
 
 __all__ = ["SweepSettings", "Sweeper", "parse_sweep"]
 
 _SWEEP = re.compile(r"every=([1-9][0-9]{0,5}(?:,[1-9][0-9]{0,5})*)")
-_NO_IDENTITY = "no identity (yet)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,26 +85,11 @@ class Sweeper:
 
     def track(self, sequence: TrueSequence, every: int) -> SequenceResult:
         """The tracks on every so many-th frame of a sequence, from the first."""
-        frames, ids, boxes, labels = [], [], [], []
-        without = 0
-        tracker = tracker_for(self.model, self._settings.tracker)
+        tracker, collected = tracker_for(self.model, self._settings.tracker), ResultCollector()
         stage = f"every {every}: {sequence.name}"
         with open_video(sequence.pictures, every=every, fps=sequence.fps) as video:
             tracked = track_video(video, self.model, tracker, labels=self._labels, workers=self._workers)
             for done, frame in enumerate(tracked, 1):
-                rows = frame.tracks.ids != NO_ID
-                without += int((~rows).sum())
-                frames.append(np.full(int(rows.sum()), frame.index, np.int64))
-                ids.append(frame.tracks.ids[rows])
-                boxes.append(frame.tracks.xyxy[rows].astype(np.float64))
-                labels.append(frame.tracks.labels[rows])
+                collected.add(frame.index, frame.tracks)
                 self._screen.stage(stage, done, video.frame_count, "frames")
-        none = np.zeros(0, np.int64)
-        result = TrackingResult(
-            np.concatenate([none, *frames]),
-            np.concatenate([none, *ids]),
-            np.concatenate([np.zeros((0, 4)), *boxes]),
-            np.concatenate([none, *labels]),
-            {_NO_IDENTITY: without} if without else {},
-        )
-        return SequenceResult(result, self.model.names)
+        return SequenceResult(collected.result(), self.model.names)

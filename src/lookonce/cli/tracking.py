@@ -15,7 +15,7 @@ from lookonce import __version__
 from lookonce.cli.screen import RunScreen
 from lookonce.model import Model
 from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, Sink, prepare_output_folder
-from lookonce.pipeline import StageTimes, share_processors, track_video, tracker_for
+from lookonce.pipeline import StageTimes, detector_score, share_processors, track_video, tracker_for
 from lookonce.video import VideoSource, open_video, without_password
 
 __all__ = ["track_command"]
@@ -76,14 +76,19 @@ def track_command(
     model: Annotated[
         str, typer.Option("-m", "--model", help="Model file, or the name of one that ships with the package.")
     ] = "street",
-    tracker: Annotated[str, typer.Option(help="Tracking preset: paper.")] = "paper",
+    tracker: Annotated[
+        str, typer.Option(help="Tracking preset: default, iou (overlap and motion only) or paper.")
+    ] = "default",
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for the results.", show_default="runs/NAME")
     ] = None,
     classes: Annotated[
         str, typer.Option(help="Track these classes only, names separated by commas.", show_default="all")
     ] = "",
-    score: Annotated[float, typer.Option(help="Keep detections above this score.", min=0, max=1)] = 0.25,
+    score: Annotated[
+        float | None,
+        typer.Option(help="Keep detections above this score.", min=0, max=1, show_default="0.1; paper: 0.25"),
+    ] = None,
     overlap: Annotated[
         float, typer.Option("--iou", help="Of two boxes of a class that overlap more, drop the weaker.", min=0, max=1)
     ] = 0.45,
@@ -112,7 +117,7 @@ def track_command(
         tracker=tracker,
         match_threshold=match_threshold,
         classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
-        score=score,
+        score=detector_score(tracker) if score is None else score,
         iou=overlap,
         start_s=start,
         end_s=end,

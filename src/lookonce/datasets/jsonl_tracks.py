@@ -72,7 +72,7 @@ def read_jsonl_results(path: Path) -> NamedTrackRows:
         first, second = twins
         message = f"id {rows.ids[first]} a second time in frame {rows.frames[first]}; remove one of the two"
         raise fault(path, int(numbers[second, 3]), message)
-    return NamedTrackRows(rows, tuple(found.names), dict(found.left_out))
+    return NamedTrackRows(rows, tuple(found.names), {why: count for why, count in found.left_out.items() if count > 0})
 
 
 def _check_header(path: Path, line: str) -> None:
@@ -104,6 +104,15 @@ def _add_frame(path: Path, line: int, record: dict[str, object], found: _Collect
         raise fault(path, line, message)
     for track in tracks:
         _add_track(path, line, frame, track, found)
+    given_back = record.get("given_back", [])
+    if not isinstance(given_back, list):
+        raise _bad(path, line, "given_back: a list of tracks", given_back)
+    for track in given_back:
+        earlier = _whole(track.get("frame"), frame) if isinstance(track, dict) else None
+        if earlier is None:
+            raise _bad(path, line, f"given_back: tracks with a frame up to {frame}", track)
+        _add_track(path, line, earlier, track, found)
+        found.left_out[_NO_IDENTITY] -= 1  # where it stood it had none yet
     if len(found.numbers) > 4 * MAX_ROWS:
         raise fault(path, line, f"more than {MAX_ROWS:,} boxes; split it into sequences")
 

@@ -17,6 +17,7 @@ from lookonce.evaluation.retrieval.ranking import (
 )
 from lookonce.evaluation.retrieval.rates import equal_error_rate, rates_at, roc_auc, threshold_at
 from lookonce.evaluation.tracking.clear import ClearScores
+from lookonce.evaluation.tracking.collecting import ResultCollector
 from lookonce.evaluation.tracking.detrac.precision_recall import PRScores, pr_average, pr_scores
 from lookonce.evaluation.tracking.detrac.scores import DetracScores
 from lookonce.evaluation.tracking.detrac.truth import read_detrac_truth
@@ -45,6 +46,7 @@ __all__ = [
     "PairDistances",
     "PrecisionRecall",
     "RankOne",
+    "ResultCollector",
     "Retrieval",
     "TrackingCounts",
     "TrackingResult",

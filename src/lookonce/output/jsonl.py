@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lookonce.output.append_only import AppendOnlyFile
 from lookonce.output.sink import Sink
-from lookonce.structures import NO_ID, Tracks, class_name
+from lookonce.structures import NO_ID, GivenBack, Tracks, class_name
 from lookonce.video.frame import Frame
 
 __all__ = ["JsonLinesSink"]
@@ -32,8 +32,9 @@ class JsonLinesSink(Sink):
     """Writes everything the tracker says, a JSON object a line, UTF-8.
 
     Every frame has a line, with objects or without: ``frame``, ``time_s``, ``size``, ``tracks`` (``id``, ``label``,
-    ``name``, ``xyxy``, ``score``) and, where there are any, ``unseen`` (``id``, ``xyxy``). A number that is not finite
-    becomes null, since JSON has no other word for it.
+    ``name``, ``xyxy``, ``score``) and, where there are any, ``unseen`` (``id``, ``xyxy``) and ``given_back``: tracks of
+    earlier frames, each with its ``frame``, whose object is confirmed only now. A number that is not finite becomes
+    null, since JSON has no other word for it.
 
     Args:
         path: the file; an existing one is emptied.
@@ -69,6 +70,8 @@ class JsonLinesSink(Sink):
                 {"id": identity, "xyxy": box}
                 for identity, box in zip(tracks.unseen_ids.tolist(), _boxes(tracks.unseen_xyxy), strict=True)
             ]
+        if len(tracks.given_back):
+            record["given_back"] = self._given_back(tracks.given_back)
         self._file.append(_line(record))
 
     def _rows(self, tracks: Tracks) -> list[dict[str, object]]:
@@ -84,6 +87,27 @@ class JsonLinesSink(Sink):
                 "score": _number(score, _SCORE_DECIMALS),
             }
             for identity, label, box, score in columns
+        ]
+
+    def _given_back(self, back: GivenBack) -> list[dict[str, object]]:
+        columns = zip(
+            back.frames.tolist(),
+            back.ids.tolist(),
+            back.labels.tolist(),
+            _boxes(back.xyxy),
+            back.scores.tolist(),
+            strict=True,
+        )
+        return [
+            {
+                "frame": index,
+                "id": identity,
+                "label": label,
+                "name": class_name(self._names, label),
+                "xyxy": box,
+                "score": _number(score, _SCORE_DECIMALS),
+            }
+            for index, identity, label, box, score in columns
         ]
 
     def close(self) -> None:

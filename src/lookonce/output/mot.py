@@ -35,7 +35,10 @@ class MotSink(Sink):
         self._file = AppendOnlyFile(path)
 
     def write(self, frame: Frame, tracks: Tracks) -> None:
-        """Append the frame's lines in one piece; a frame without identities adds none."""
+        """Append the frame's lines in one piece; a frame without identities adds none.
+
+        Rows of earlier frames that are given back follow those of the frame.
+        """
         finite = np.isfinite(tracks.xyxy).all(axis=1) & np.isfinite(tracks.scores)
         rows = np.flatnonzero((tracks.ids >= _FIRST_ID) & finite)
         boxes = xyxy_to_ltwh(tracks.xyxy[rows]).tolist()
@@ -43,6 +46,17 @@ class MotSink(Sink):
         lines = [
             _LINE.format(frame.index + 1, identity, *ltwh, score)
             for identity, ltwh, score in zip(ids, boxes, scores, strict=True)
+        ]
+        back = tracks.given_back
+        lines += [
+            _LINE.format(index + 1, identity, *ltwh, score)
+            for index, identity, ltwh, score in zip(
+                back.frames.tolist(),
+                back.ids.tolist(),
+                xyxy_to_ltwh(back.xyxy).tolist(),
+                back.scores.tolist(),
+                strict=True,
+            )
         ]
         self._file.append("".join(lines).encode("ascii"))
 

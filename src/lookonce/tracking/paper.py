@@ -12,6 +12,7 @@ from lookonce.distances import SCALE, Quantized, quantize, squared_distances
 from lookonce.errors import ConfigError
 from lookonce.structures import NO_ID, Detections, Tracks
 from lookonce.tracking.greedy import assign_greedily
+from lookonce.tracking.looks import median_of_three
 
 __all__ = ["PaperConfig", "PaperRule"]
 
@@ -130,14 +131,7 @@ def _references(
     if count == 0:
         return newest
     if count == len(seen):
-        return Quantized.of(_median_of_three(newest.units, second, third))
+        return Quantized.of(median_of_three(newest.units, second, third))
     units = newest.units.copy()
-    units[has_three] = _median_of_three(units[has_three], second[has_three], third[has_three])
+    units[has_three] = median_of_three(units[has_three], second[has_three], third[has_three])
     return Quantized.of(units)
-
-
-def _median_of_three(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Element-wise median of three arrays of one shape."""
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    np.minimum(high, c, out=high)
-    return np.maximum(low, high, out=low)

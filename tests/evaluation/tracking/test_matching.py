@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lookonce.evaluation.tracking.assignment import components, is_only_best, solve_dense
+from lookonce.assignment import components, is_only_best, solve_dense
 from lookonce.evaluation.tracking.matching import best_sum, choose
 from lookonce.evaluation.tracking.shortest_paths import assign_as_scipy
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.evaluation.tracking.assignment import components, is_single
+from lookonce.assignment import components, is_single
 from lookonce.evaluation.tracking.matching import best_pairs, solve_part
 from lookonce.evaluation.tracking.overlaps import Pairs, Scene, by_id
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.evaluation.tracking.assignment import (
+from lookonce.assignment import (
     TOLERANCE,
     components,
     is_only_best,

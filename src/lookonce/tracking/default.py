@@ -1,0 +1,322 @@
+"""Preset ``default``: motion and appearance together, objects kept through gaps, time in seconds.
+
+Every pair of an object and a detection has a gain: the logarithm of how much likelier it is that the detection is this
+object than that it is another one. Its terms are those of multiple hypothesis tracking (Blackman, "Multiple hypothesis
+tracking for multiple target tracking", 2004): a place under the object's Kalman filter against objects anywhere at a
+stated density, the size, the class, and the descriptor's distance. After a short time the place says nearly everything;
+after a gap, or with few frames a second, the filter is wide and the descriptor decides. Only pairs of positive gain can
+be taken, and of each frame the choice with the largest sum is.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.distances import quantize
+from lookonce.structures import NO_ID, Detections, GivenBack, Tracks
+from lookonce.tracking.candidates import Frame, Pairs, find_pairs
+from lookonce.tracking.components import assign_best
+from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.looks import Looks
+from lookonce.tracking.motion import box_states
+from lookonce.tracking.objects import Objects
+from lookonce.tracking.overlapping import keep_best, overlaps_of
+
+__all__ = ["DefaultRule"]
+
+_LEAST_STEP_S = 1e-3
+_SURE = 50.0  # gain of a pair that is safe by its boxes: more than any other pair can have
+_TOUCHING = 0.1  # overlap from which a second candidate makes a pair ambiguous
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingRow:
+    """A row of an object that is not confirmed yet: its frame, its place there, box (4,) float32, score, label."""
+
+    frame: int
+    row: int
+    xyxy: NDArray[np.float32]
+    score: float
+    label: int
+
+
+class DefaultRule:
+    """The association of the presets ``default`` and ``iou``; one stream, ids from 1."""
+
+    def __init__(self, config: DefaultConfig) -> None:
+        self.config = config
+        self.objects = _nobody(config)
+        self.looks = Looks(config.views, config.view_apart, config.view_interval_s)
+        self.waiting: dict[int, deque[WaitingRow]] = {}
+        self.next_id = 1
+        self.next_serial = 0
+        self.frame = -1
+        self.now_s = 0.0
+        self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
+        self.clock_faults = 0
+        self._numbers: NDArray[np.int64] | None = None
+
+    def update(
+        self,
+        detections: Detections,
+        time_s: float | None = None,
+        camera: NDArray[np.float64] | None = None,
+        numbers: NDArray[np.int64] | None = None,
+    ) -> Tracks:
+        """Identities for the rows of one frame.
+
+        Args:
+            detections: N rows.
+            time_s: on any clock that goes forward; a time that does not counts as a millisecond later. None: as if
+                the frames came at the configured rate.
+            camera: (2, 3) affine, how the picture moved since the frame before, px; None: it did not.
+            numbers: (N,) what rows that are given back later are called; by default their places.
+
+        Raises:
+            ValueError: descriptors of another length than before.
+        """
+        self._numbers = numbers
+        step_s = self._advance(time_s)
+        self._predict(step_s, camera)
+        frame = self._look_at(detections)
+        pairs = find_pairs(self.objects, frame, self.now_s, self.config)
+        is_known = self.objects.ids != NO_ID
+        is_recent = self.now_s - self.objects.seen_s <= 1.01 * step_s + self.config.low_score_s
+        self._match(frame, pairs, is_known, frame.is_high, np.zeros(len(pairs.rows), np.bool_))
+        is_weak_far = pairs.overlap < self.config.low_overlap
+        self._match(frame, pairs, is_known & is_recent, frame.is_usable, is_weak_far)
+        is_weak_far &= ~frame.is_high[pairs.rows]
+        self._match(frame, pairs, ~is_known, frame.is_usable, is_weak_far)
+        is_clean = self._clean_rows(frame, pairs)
+        given_back = self._see(frame, is_clean, detections)
+        ids, labels = self._answer(frame)
+        self._end(step_s)
+        self._begin(frame, is_clean, detections)
+        is_unseen = (self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)
+        unseen_boxes = self.objects.motions.boxes()[is_unseen].astype(np.float32)
+        return Tracks(
+            ids,
+            detections.xyxy,
+            detections.scores,
+            labels,
+            self.objects.ids[is_unseen],
+            unseen_boxes,
+            given_back=given_back,
+        )
+
+    def _advance(self, time_s: float | None) -> float:
+        """Seconds since the frame before."""
+        self.frame += 1
+        if self.frame == 0:
+            self.now_s = 0.0 if time_s is None else time_s
+            return 0.0
+        step_s = 1.0 / self.config.frame_rate if time_s is None else time_s - self.now_s
+        if step_s < _LEAST_STEP_S:
+            self.clock_faults += 1
+            step_s = _LEAST_STEP_S
+        self.now_s += step_s
+        return step_s
+
+    def _predict(self, step_s: float, camera: NDArray[np.float64] | None) -> None:
+        """Where the objects are now; those that a gap outlived are gone."""
+        if step_s > self.config.memory_s:
+            self._forget(np.ones(len(self.objects), np.bool_))
+        objects = self.objects
+        is_unseen = objects.seen_s < self.now_s - step_s - _LEAST_STEP_S / 2
+        objects.motions.predict_(step_s, is_unseen, self.config.motion)
+        if camera is not None:
+            objects.motions.move_camera_(camera)
+            objects.anchor = objects.anchor @ camera[:, :2].T + camera[:, 2]
+
+    def _look_at(self, detections: Detections) -> Frame:
+        config = self.config
+        scores, xyxy = detections.scores.astype(np.float64), detections.xyxy.astype(np.float64)
+        looks = None
+        if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
+            self.looks.check_size(detections.descriptors.shape[1])
+            looks = quantize(detections.descriptors)
+        overlaps = overlaps_of(xyxy)
+        is_usable = scores >= config.low_score
+        nobody = np.zeros(len(scores), np.bool_)
+        is_usable = keep_best(
+            overlaps.above(config.same_overlap), np.argsort(-scores, kind="stable"), is_usable, nobody
+        )
+        if is_usable.any():
+            usable = xyxy[is_usable]
+            self.extent[:2] = np.minimum(self.extent[:2], usable[:, :2].min(axis=0))
+            self.extent[2:] = np.maximum(self.extent[2:], usable[:, 2:].max(axis=0))
+        return Frame(
+            xyxy,
+            box_states(detections.xyxy),
+            scores,
+            detections.labels,
+            looks,
+            is_usable,
+            is_usable & (scores >= config.high_score),
+            overlaps,
+            np.full(len(scores), -1),
+            nobody,
+        )
+
+    def _match(
+        self,
+        frame: Frame,
+        pairs: Pairs,
+        may_objects: NDArray[np.bool_],
+        may_rows: NDArray[np.bool_],
+        is_left_out: NDArray[np.bool_],
+    ) -> None:
+        """Give rows that have no object yet the best of the objects that may take them."""
+        is_taken = np.zeros(len(self.objects), np.bool_)
+        is_taken[frame.object_of[frame.object_of >= 0]] = True
+        is_open = (may_objects & ~is_taken)[pairs.objects] & (may_rows & (frame.object_of < 0))[pairs.rows]
+        chosen = np.flatnonzero(is_open & ~is_left_out)
+        if not len(chosen):
+            return
+        gains = self._gains(frame, pairs, chosen)
+        positive = np.flatnonzero(gains > 0)
+        chosen = chosen[positive]
+        best = chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains[positive])]
+        frame.object_of[pairs.rows[best]] = pairs.objects[best]
+        frame.has_jumped[pairs.rows[best]] = pairs.is_jump[best]
+
+    def _gains(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(C,) gains of the chosen pairs: appearance is asked where boxes alone are not safe."""
+        config = self.config
+        objects, rows, overlap = pairs.objects[chosen], pairs.rows[chosen], pairs.overlap[chosen]
+        gains = pairs.gains[chosen]
+        is_touching = overlap > _TOUCHING
+        rivals = np.bincount(objects[is_touching], minlength=len(self.objects))[objects]
+        rivals += np.bincount(rows[is_touching], minlength=len(frame.scores))[rows]
+        is_safe = (overlap >= config.safe_overlap) & (rivals == 2)
+        is_safe &= self.objects.labels[objects] == frame.labels[rows]
+        if frame.looks is not None:
+            asked = np.flatnonzero(~is_safe & (gains > -config.appearance_limit))
+            pair = chosen[asked]
+            unknown = pair[np.isnan(pairs.distance[pair])]
+            slots = self.objects.slots[pairs.objects[unknown]]
+            pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
+            distance = pairs.distance[pair]
+            limit = config.appearance_limit
+            likeness = np.clip(config.appearance_weight * (config.match_threshold - distance), -limit, limit)
+            gains[asked] += np.where(np.isinf(distance), 0.0, likeness)
+        gains[is_safe] = np.maximum(gains[is_safe], _SURE)
+        return gains
+
+    def _clean_rows(self, frame: Frame, pairs: Pairs) -> NDArray[np.bool_]:
+        """(N,) bool: rows whose descriptor may be kept: sure of itself, and nothing else in the box."""
+        is_clean = frame.is_high.copy()
+        crowded = frame.overlaps.above(self.config.clean_overlap)
+        both_high = frame.is_high[crowded.a] & frame.is_high[crowded.b]
+        is_clean[crowded.a[both_high]] = False
+        is_clean[crowded.b[both_high]] = False
+        is_hidden = self.objects.ids != NO_ID
+        is_hidden &= self.now_s - self.objects.seen_s < self.config.hidden_s
+        is_hidden[frame.object_of[frame.object_of >= 0]] = False
+        covers = is_hidden[pairs.objects] & (pairs.overlap > self.config.hidden_overlap)
+        is_clean[pairs.rows[covers]] = False
+        return is_clean
+
+    def _see(self, frame: Frame, is_clean: NDArray[np.bool_], detections: Detections) -> GivenBack:
+        """What the matched rows say about their objects; rows of objects that are confirmed now are given back."""
+        rows = np.flatnonzero(frame.object_of >= 0)
+        if not len(rows):
+            return GivenBack.nothing()
+        objects = self.objects
+        seen = frame.object_of[rows]
+        jumped = frame.has_jumped[rows]
+        if jumped.any():
+            fast = seen[jumped]
+            objects.motions.widen_(fast, self.now_s - objects.seen_s[fast], self.config.motion)
+        objects.motions.correct_(seen, frame.states[rows], self.config.motion)
+        objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence)
+        if frame.looks is not None:
+            self.looks.remember(objects.slots[seen], frame.looks.part(rows), is_clean[rows], self.now_s)
+        confirmed = np.flatnonzero(objects.is_real & (objects.ids == NO_ID))
+        objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
+        self.next_id += len(confirmed)
+        is_waiting = ~objects.is_real[seen]
+        for row, place in zip(rows[is_waiting].tolist(), seen[is_waiting].tolist(), strict=True):
+            self._wait(int(objects.serials[place]), row, detections)
+        return self._give_back(seen[~is_waiting]) if self.waiting else GivenBack.nothing()
+
+    def _wait(self, serial: int, row: int, detections: Detections) -> None:
+        rows = self.waiting.setdefault(serial, deque(maxlen=self.config.given_back_rows))
+        score, label = float(detections.scores[row]), int(detections.labels[row])
+        number = row if self._numbers is None else int(self._numbers[row])
+        rows.append(WaitingRow(self.frame, number, detections.xyxy[row].copy(), score, label))
+
+    def _give_back(self, real: NDArray[np.int64]) -> GivenBack:
+        back: list[tuple[int, int, WaitingRow]] = []
+        for place in real.tolist():
+            rows = self.waiting.pop(int(self.objects.serials[place]), ())
+            back += [(int(self.objects.ids[place]), int(self.objects.labels[place]), row) for row in rows]
+        if not back:
+            return GivenBack.nothing()
+        return GivenBack(
+            np.array([row.frame for _, _, row in back]),
+            np.array([row.row for _, _, row in back]),
+            np.array([identity for identity, _, _ in back]),
+            np.array([row.xyxy for _, _, row in back], np.float32),
+            np.array([row.score for _, _, row in back], np.float32),
+            np.array([label for _, label, _ in back]),
+        )
+
+    def _answer(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Ids and labels (N,) of all rows."""
+        ids, labels = np.full(len(frame.scores), NO_ID), frame.labels
+        rows = np.flatnonzero(frame.object_of >= 0)
+        rows = rows[self.objects.is_real[frame.object_of[rows]]]
+        if len(rows):
+            ids[rows] = self.objects.ids[frame.object_of[rows]]
+            labels = labels.copy()
+            labels[rows] = self.objects.labels[frame.object_of[rows]]
+        return ids, labels
+
+    def _end(self, step_s: float) -> None:
+        """Forget whom nobody has seen for too long, or who has left the picture."""
+        objects, config = self.objects, self.config
+        unseen_s = self.now_s - objects.seen_s
+        tentative_s = max(config.tentative_s, 1.01 * step_s)
+        is_over = unseen_s > np.where(objects.is_real, config.memory_s, tentative_s)
+        place = objects.motions.place
+        is_outside = (place < self.extent[:2]).any(axis=1) | (place > self.extent[2:]).any(axis=1)
+        is_over |= is_outside & (unseen_s > config.leave_s)
+        if is_over.any():
+            self._forget(is_over)
+
+    def _forget(self, is_over: NDArray[np.bool_]) -> None:
+        for serial in self.objects.serials[is_over].tolist():
+            self.waiting.pop(serial, None)
+        self.looks.release(self.objects.slots[is_over])
+        self.objects = self.objects.part(~is_over)
+
+    def _begin(self, frame: Frame, is_clean: NDArray[np.bool_], detections: Detections) -> None:
+        """New objects from what is left; not from second boxes of what is there."""
+        config = self.config
+        is_wanted = frame.is_usable & (frame.scores >= config.birth_score)
+        order = np.argsort(-frame.scores, kind="stable")
+        is_new = keep_best(frame.overlaps.above(config.duplicate_overlap), order, is_wanted, frame.object_of >= 0)
+        rows = np.flatnonzero(is_new)
+        if not len(rows):
+            return
+        serials = np.arange(self.next_serial, self.next_serial + len(rows))
+        self.next_serial += len(rows)
+        slots = self.looks.take(len(rows))
+        new = Objects.begin(
+            serials, slots, frame.labels[rows], frame.scores[rows], frame.states[rows], self.now_s, config.motion
+        )
+        self.objects = self.objects.joined(new)
+        if frame.looks is not None:
+            self.looks.remember(slots, frame.looks.part(rows), is_clean[rows], self.now_s)
+        for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
+            self._wait(serial, row, detections)
+
+
+def _nobody(config: DefaultConfig) -> Objects:
+    none, numbers = np.zeros(0, np.int64), np.zeros(0)
+    return Objects.begin(none, none, none, numbers, np.zeros((0, 4)), 0.0, config.motion)

@@ -1,0 +1,93 @@
+"""Settings of the presets ``default`` and ``iou``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lookonce.config import check_numbers
+from lookonce.errors import ConfigError
+from lookonce.tracking.motion import MotionConfig
+from lookonce.tracking.objects import EvidenceConfig
+
+__all__ = ["DefaultConfig", "iou_config"]
+
+_MOST_VIEWS = 32  # each takes a kilobyte of every object at 128 values
+
+
+@dataclass(frozen=True, slots=True)
+class DefaultConfig:
+    """Settings of the preset ``default``; the preset ``iou`` is the same with ``appearance`` off.
+
+    Found on PETS09-S2L1 and a highway clip at one to eight frames' distance, where wide ranges of each give nearly the
+    same (`docs/log.md`). "box" is the height of an object's box.
+
+    Attributes:
+        appearance: whether descriptors are used.
+        match_threshold: distance of two descriptors, above 0 to 2, from which they speak against one object. A model
+            file that carries a calibrated value overrides it.
+        appearance_weight: how much the logarithm of the likelihood ratio changes by one unit of distance.
+        appearance_limit: its largest value, for and against.
+        low_score: rows below are not looked at, 0 to 1.
+        birth_score: rows from here on may be new objects.
+        high_score: rows from here on may continue an object wherever it may be; lower ones only where they overlap it.
+        low_overlap: by so much (IoU).
+        low_score_s: and only if it was seen so lately, beyond the frame before, s.
+        safe_overlap: a pair that overlaps more and has no rival on either side is taken without asking appearance.
+        same_overlap: of two boxes of a frame that overlap more, the one of lower score is left out.
+        duplicate_overlap: a box that overlaps a known object's more makes no new object.
+        crowd_box: the place of a detection speaks for an object as against one elsewhere in a square of so many boxes.
+        class_penalty: what another class takes from the logarithm of the likelihood ratio.
+        memory_s: an object is kept so long after it was last seen, s.
+        tentative_s: one that is not confirmed, s; at least for one frame.
+        leave_s: one that is believed to be outside the picture, s.
+        views: how many different descriptors of an object are kept, besides the median of the last three.
+        view_apart: they differ by so much, distance.
+        view_interval_s: and are kept at most so often, s.
+        clean_overlap: a descriptor is kept only if no other detection overlaps its box more,
+        hidden_overlap: and no object that is hidden,
+        hidden_s: since at most so long, s.
+        given_back_rows: an object that is confirmed gets at most so many earlier rows back.
+        frame_rate: frames a second where no times are given.
+        motion: how objects move.
+        evidence: when an object is taken as real.
+    """
+
+    appearance: bool = True
+    match_threshold: float = 0.7
+    appearance_weight: float = 3.0
+    appearance_limit: float = 3.0
+    low_score: float = 0.1
+    birth_score: float = 0.2
+    high_score: float = 0.4
+    low_overlap: float = 0.4
+    low_score_s: float = 0.3
+    safe_overlap: float = 0.5
+    same_overlap: float = 0.6
+    duplicate_overlap: float = 0.4
+    crowd_box: float = 4.0
+    class_penalty: float = 3.0
+    memory_s: float = 8.0
+    tentative_s: float = 0.5
+    leave_s: float = 0.5
+    views: int = 4
+    view_apart: float = 0.5
+    view_interval_s: float = 0.25
+    clean_overlap: float = 0.4
+    hidden_overlap: float = 0.2
+    hidden_s: float = 3.0
+    given_back_rows: int = 256
+    frame_rate: float = 25.0
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+
+    def __post_init__(self) -> None:
+        check_numbers(self, above_zero=("match_threshold", "frame_rate", "crowd_box", "memory_s", "given_back_rows"))
+        if self.match_threshold > 2:
+            raise ConfigError(f"match_threshold={self.match_threshold}: expected above 0, at most 2")
+        if self.views > _MOST_VIEWS:
+            raise ConfigError(f"views={self.views}: expected at most {_MOST_VIEWS}")
+
+
+def iou_config() -> DefaultConfig:
+    """Settings of the preset ``iou``: overlap and motion only."""
+    return DefaultConfig(appearance=False)

@@ -1,0 +1,150 @@
+"""What objects look like: the descriptors that are kept of each, and how far a detection is from them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.distances import SCALE, Quantized
+
+__all__ = ["LATEST", "Looks", "median_of_three"]
+
+LATEST = 3  # descriptors of which the reference is the element-wise median, as in the paper's section 3.3
+_CHUNK = 2048  # pairs compared at once: 10 MB of copies at 128 values and four views
+
+
+class Looks:
+    """The descriptors of many objects, each in a slot that it keeps while it lives.
+
+    Of an object are kept: the last three, their element-wise median as reference (before there are three: the newest),
+    and up to ``views`` that differ from each other, the oldest replaced first. A distance to the object is the smallest
+    to any of these. All are whole numbers in units of 1 / SCALE, so a distance depends on nothing but the pair
+    (``lookonce.distances``).
+
+    Args:
+        views: how many different views of an object are kept, 0 or more.
+        apart: a new view is at least so far from those kept.
+        interval_s: of an object a view is kept at most so often, s.
+    """
+
+    def __init__(self, views: int, apart: float, interval_s: float) -> None:
+        self.views, self.apart, self.interval_s = views, apart, interval_s
+        self.size: int | None = None
+        self._free: list[int] = []
+        self._used = 0
+        self._allocate(0, 0)
+
+    def _allocate(self, slots: int, size: int) -> None:
+        self.latest = np.zeros((slots, LATEST, size))
+        self.kept = np.zeros((slots, 1 + self.views, size))  # the reference, then the views
+        self.kept_squared = np.full((slots, 1 + self.views), np.inf)  # squared lengths; infinite: none there
+        self.seen = np.zeros(slots, np.int64)  # descriptors remembered so far
+        self.view_count = np.zeros(slots, np.int64)
+        self.view_s = np.full(slots, -np.inf)
+
+    def check_size(self, size: int) -> None:
+        """Settle the length of descriptors, at the first call.
+
+        Raises:
+            ValueError: it was another one before.
+        """
+        if self.size is None:
+            self.size = size
+            self._allocate(max(len(self.seen), 64), size)
+        elif size != self.size:
+            raise ValueError(f"descriptors: expected {self.size} values as before, got {size}")
+
+    def take(self, count: int) -> NDArray[np.int64]:
+        """Slots for ``count`` new objects, empty."""
+        again = [self._free.pop() for _ in range(min(count, len(self._free)))]
+        fresh = range(self._used, self._used + count - len(again))
+        self._used = fresh.stop
+        while self._used > len(self.seen):
+            self._grow()
+        return np.array([*again, *fresh], np.int64)
+
+    def release(self, slots: NDArray[np.int64]) -> None:
+        """The objects in ``slots`` (M,) are gone."""
+        self.kept_squared[slots] = np.inf
+        self.seen[slots] = self.view_count[slots] = 0
+        self.view_s[slots] = -np.inf
+        self._free.extend(slots[::-1].tolist())
+
+    def _grow(self) -> None:
+        before, used = (
+            (self.latest, self.kept, self.kept_squared, self.seen, self.view_count, self.view_s),
+            len(self.seen),
+        )
+        self._allocate(max(64, 2 * used), self.latest.shape[2])
+        after = (self.latest, self.kept, self.kept_squared, self.seen, self.view_count, self.view_s)
+        for old, new in zip(before, after, strict=True):
+            new[:used] = old
+
+    def distances(
+        self, slots: NDArray[np.int64], descriptors: Quantized, rows: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(K,) float64: of each pair, the Euclidean distance; infinite where object or row has no descriptor.
+
+        Args:
+            slots: (K,) of the objects.
+            descriptors: of N rows; a row of zeros has none.
+            rows: (K,) of the pairs.
+        """
+        squared = np.empty(len(slots))
+        for begin in range(0, len(slots), _CHUNK):
+            part = slice(begin, begin + _CHUNK)
+            slot, row = slots[part], rows[part]
+            units, lengths = descriptors.units[row], descriptors.squared_lengths[row]
+            products = np.einsum("kgd,kd->kg", self.kept[slot], units)  # whole numbers: exact in any order
+            apart = self.kept_squared[slot] - 2 * products + lengths[:, None]
+            squared[part] = np.where(lengths > 0, apart.min(axis=1), np.inf)
+        np.sqrt(squared, out=squared)
+        squared /= SCALE
+        return squared
+
+    def remember(
+        self, slots: NDArray[np.int64], descriptors: Quantized, is_clean: NDArray[np.bool_], now_s: float
+    ) -> None:
+        """Keep the descriptors of M rows for the objects in ``slots`` (M,).
+
+        A row that is not clean is kept only where the object has none yet, to have something to go by.
+        """
+        wanted = (is_clean | (self.seen[slots] == 0)) & (descriptors.squared_lengths > 0)
+        slots, descriptors, is_clean = slots[wanted], descriptors.part(wanted), is_clean[wanted]
+        if not len(slots):
+            return
+        self.latest[slots, self.seen[slots] % LATEST] = descriptors.units
+        self.seen[slots] += 1
+        self._refer(slots, descriptors)
+        is_due = is_clean & (self.view_s[slots] + self.interval_s <= now_s)
+        if self.views and is_due.any():
+            self._view(slots[is_due], descriptors.part(is_due), now_s)
+
+    def _refer(self, slots: NDArray[np.int64], newest: Quantized) -> None:
+        has_three = self.seen[slots] >= LATEST
+        first, then = slots[~has_three], slots[has_three]
+        if len(first):
+            self.kept[first, 0] = newest.units[~has_three]
+            self.kept_squared[first, 0] = newest.squared_lengths[~has_three]
+        if len(then):
+            median = Quantized.of(median_of_three(*np.moveaxis(self.latest[then], 1, 0)))
+            self.kept[then, 0] = median.units
+            self.kept_squared[then, 0] = median.squared_lengths
+
+    def _view(self, slots: NDArray[np.int64], descriptors: Quantized, now_s: float) -> None:
+        products = np.einsum("kgd,kd->kg", self.kept[slots, 1:], descriptors.units)
+        apart = self.kept_squared[slots, 1:] - 2 * products + descriptors.squared_lengths[:, None]
+        is_new = apart.min(axis=1) > (self.apart * SCALE) ** 2
+        self.view_s[slots] = now_s
+        slots = slots[is_new]
+        place = 1 + self.view_count[slots] % self.views
+        self.kept[slots, place] = descriptors.units[is_new]
+        self.kept_squared[slots, place] = descriptors.squared_lengths[is_new]
+        self.view_count[slots] += 1
+
+
+def median_of_three(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Element-wise median of three arrays of one shape."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    np.minimum(high, c, out=high)
+    return np.maximum(low, high, out=low)

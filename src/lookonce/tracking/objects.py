@@ -1,0 +1,175 @@
+"""What is known of each object, and whether it is one at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.config import check_numbers
+from lookonce.structures import NO_ID
+from lookonce.tracking.motion import MotionConfig, Motions
+
+__all__ = ["EvidenceConfig", "Objects"]
+
+_MOST_VOTES = 10.0  # a class that has been seen for long is outvoted after so much score for another
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceConfig:
+    """When an object is taken as real: seen with confidence, or on its way. Detectors err where nothing moves.
+
+    Attributes:
+        hits: seen at least so often.
+        score: a mean score (of about the last three) that is enough, 0 to 1.
+        score_memory_s: how long such a score is remembered, fading with this time constant, s.
+        travel: one travel is a way of so many box sizes (square root of the area).
+        travels: so many travels are enough, whatever the score.
+        travel_memory_s: for so long after the last of them, s.
+    """
+
+    hits: int = 2
+    score: float = 0.7
+    score_memory_s: float = 3.0
+    travel: float = 0.5
+    travels: int = 2
+    travel_memory_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, above_zero=("hits", "score_memory_s"))
+
+
+@dataclass(slots=True)
+class Objects:
+    """P objects that are alive, in the order in which they were first seen.
+
+    Attributes:
+        serials: (P,) int64, from 0, never used twice; for objects that have no id yet.
+        ids: (P,) int64; -1 = never confirmed so far.
+        slots: (P,) int64, where ``Looks`` has their descriptors.
+        labels: (P,) int64, the class by vote.
+        votes: (P,) float64, how much score it is ahead.
+        seen_s: (P,) float64, when last seen.
+        hits: (P,) int64, how often seen.
+        score_mean: (P,) float64, of about the last three.
+        score_peak: (P,) float64, the highest such mean, fading.
+        anchor: (P, 2) float64, px, where the last travel ended.
+        travels: (P,) int64.
+        travel_s: (P,) float64, when the last travel ended.
+        is_real: (P,) bool, whether rows are given the id now.
+        motions: their filters.
+    """
+
+    serials: NDArray[np.int64]
+    ids: NDArray[np.int64]
+    slots: NDArray[np.int64]
+    labels: NDArray[np.int64]
+    votes: NDArray[np.float64]
+    seen_s: NDArray[np.float64]
+    hits: NDArray[np.int64]
+    score_mean: NDArray[np.float64]
+    score_peak: NDArray[np.float64]
+    anchor: NDArray[np.float64]
+    travels: NDArray[np.int64]
+    travel_s: NDArray[np.float64]
+    is_real: NDArray[np.bool_]
+    motions: Motions
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def begin(
+        cls,
+        serials: NDArray[np.int64],
+        slots: NDArray[np.int64],
+        labels: NDArray[np.int64],
+        scores: NDArray[np.float64],
+        states: NDArray[np.float64],
+        now_s: float,
+        config: MotionConfig,
+    ) -> Objects:
+        """Objects seen for the first time, P of them; ``states`` (P, 4) are ``box_states``."""
+        count = len(serials)
+        return cls(
+            serials=serials,
+            ids=np.full(count, NO_ID, np.int64),
+            slots=slots,
+            labels=labels.copy(),
+            votes=scores.copy(),
+            seen_s=np.full(count, now_s),
+            hits=np.ones(count, np.int64),
+            score_mean=scores.copy(),
+            score_peak=np.zeros(count),
+            anchor=states[:, :2].copy(),
+            travels=np.zeros(count, np.int64),
+            travel_s=np.full(count, -np.inf),
+            is_real=np.zeros(count, np.bool_),
+            motions=Motions.begin(states, config),
+        )
+
+    def part(self, chosen: NDArray[np.bool_]) -> Objects:
+        """The chosen objects (P,)."""
+        return _each(lambda values: values[chosen], self)
+
+    def joined(self, others: Objects) -> Objects:
+        """These objects, then the others."""
+        return _each(lambda *values: np.concatenate(values), self, others)
+
+    def see_(
+        self,
+        objects: NDArray[np.int64],
+        labels: NDArray[np.int64],
+        scores: NDArray[np.float64],
+        now_s: float,
+        config: EvidenceConfig,
+    ) -> None:
+        """Changes ``objects`` (M,) by what was seen of them; places are corrected before."""
+        fading = np.exp((self.seen_s[objects] - now_s) / config.score_memory_s)
+        self.hits[objects] += 1
+        self.seen_s[objects] = now_s
+        hits = self.hits[objects]
+        self.score_mean[objects] += (scores - self.score_mean[objects]) / np.minimum(hits, 3)
+        has_enough = hits >= config.hits
+        peak = np.where(has_enough, self.score_mean[objects], 0.0)
+        self.score_peak[objects] = np.maximum(peak, self.score_peak[objects] * fading)
+        self._travel_(objects, now_s, config)
+        is_moving = (self.travels[objects] >= config.travels) & (
+            now_s - self.travel_s[objects] <= config.travel_memory_s
+        )
+        self.is_real[objects] = has_enough & ((self.score_peak[objects] >= config.score) | is_moving)
+        self._vote_(objects, labels, scores)
+
+    def _travel_(self, objects: NDArray[np.int64], now_s: float, config: EvidenceConfig) -> None:
+        place = self.motions.place[objects]
+        way = place - self.anchor[objects]
+        size = np.exp(self.motions.log_size[objects].sum(axis=1))  # px²
+        has_arrived = np.einsum("md,md->m", way, way) > config.travel**2 * size
+        if has_arrived.any():
+            arrived = objects[has_arrived]
+            self.anchor[arrived] = place[has_arrived]
+            self.travels[arrived] += 1
+            self.travel_s[arrived] = now_s
+
+    def _vote_(self, objects: NDArray[np.int64], labels: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
+        """Majority vote after Boyer and Moore, weighted by score: one class is ahead, others take from its lead."""
+        is_same = self.labels[objects] == labels
+        votes = self.votes[objects] + np.where(is_same, scores, -scores)
+        is_beaten = votes < 0
+        if is_beaten.any():
+            self.labels[objects[is_beaten]] = labels[is_beaten]
+        self.votes[objects] = np.minimum(np.abs(votes), _MOST_VOTES)
+
+
+def _each(function, first: Objects, *others: Objects) -> Objects:  # type: ignore[no-untyped-def]
+    """Objects made array by array."""
+    motions = Motions(
+        *(
+            function(getattr(first.motions, f.name), *(getattr(o.motions, f.name) for o in others))
+            for f in fields(Motions)
+        )
+    )
+    names = [f.name for f in fields(Objects) if f.name != "motions"]
+    arrays = {name: function(getattr(first, name), *(getattr(o, name) for o in others)) for name in names}
+    return Objects(**arrays, motions=motions)

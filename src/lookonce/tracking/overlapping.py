@@ -1,0 +1,73 @@
+"""Boxes of one frame that lie over each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.boxes import iou_of_pairs
+from lookonce.tracking.pairs import near_pairs
+
+__all__ = ["Overlaps", "keep_best", "overlaps_of"]
+
+LEAST_OVERLAP = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Overlaps:
+    """Pairs of rows whose boxes have an IoU above ``LEAST_OVERLAP``, each pair once.
+
+    Attributes:
+        a, b: (K,) rows; a < b.
+        overlap: (K,) float64.
+    """
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    overlap: NDArray[np.float64]
+
+    def above(self, limit: float) -> Overlaps:
+        """Those with an overlap above ``limit``."""
+        chosen = self.overlap > limit
+        return Overlaps(self.a[chosen], self.b[chosen], self.overlap[chosen])
+
+
+def overlaps_of(xyxy: NDArray[np.float64]) -> Overlaps:
+    """The overlapping pairs among boxes ``xyxy`` (N, 4)."""
+    size = xyxy[:, 2:] - xyxy[:, :2]
+    centre = (xyxy[:, :2] + xyxy[:, 2:]) / 2
+    # The centre of the one with the shorter longest side is never farther away than the other's longest side.
+    rows, columns = near_pairs(centre, size.max(axis=1, initial=0), centre)
+    other = rows != columns
+    low, high = np.minimum(rows, columns)[other], np.maximum(rows, columns)[other]
+    code = np.unique(low * len(xyxy) + high)
+    low, high = code // max(len(xyxy), 1), code % max(len(xyxy), 1)
+    return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(LEAST_OVERLAP)
+
+
+def keep_best(
+    overlaps: Overlaps, order: NDArray[np.int64], is_wanted: NDArray[np.bool_], is_set: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which wanted rows stay when each yields to those set already and to better ones that stay: (N,) bool.
+
+    Args:
+        overlaps: pairs that are one object.
+        order: (N,) rows, best first.
+        is_wanted: (N,) rows that want to stay.
+        is_set: (N,) rows that are there already.
+    """
+    stays = is_wanted & ~is_set
+    if not len(overlaps.a):
+        return stays
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    rivals: dict[int, list[int]] = {}
+    for a, b in zip(overlaps.a.tolist(), overlaps.b.tolist(), strict=True):
+        rivals.setdefault(a, []).append(b)
+        rivals.setdefault(b, []).append(a)
+    for row in sorted(rivals, key=rank.__getitem__):
+        if stays[row] and any(is_set[other] or (stays[other] and rank[other] < rank[row]) for other in rivals[row]):
+            stays[row] = False
+    return stays
