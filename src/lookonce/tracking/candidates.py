@@ -20,6 +20,7 @@ __all__ = ["LARGEST_DEVIATION", "Frame", "Pairs", "find_pairs"]
 LARGEST_DEVIATION = 4.0
 """Standard deviations: pairs farther apart are not looked at."""
 
+_TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below 0.1
 _WORST_SIZE = -4.0  # a part of an object that is seen alone must not end it
 
 
@@ -80,20 +81,27 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
     height, longest = np.exp(motions.log_size[:, 1]), np.exp(motions.log_size.max(axis=1, initial=-np.inf))
     noise = (config.motion.place_noise * height) ** 2
     variance = motions.place_variance + noise
-    may_jump = objects.hits == 1
-    fast_variance = np.where(may_jump, motions.widened(now_s - objects.seen_s, config.motion) + noise, variance)
-    reach = np.maximum(LARGEST_DEVIATION * np.sqrt(fast_variance), longest / 2)
+    may_jump = (objects.hits == 1) & (config.motion.jump_share > 0)
+    fast_variance = variance
+    if may_jump.any():
+        fast_variance = np.where(may_jump, motions.widened(now_s - objects.seen_s, config.motion) + noise, variance)
+    area = (config.crowd_box * height) ** 2 / (2 * math.pi)
+    # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
+    best = np.maximum(np.log(area / fast_variance) + config.appearance_limit, 0)
+    reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2 * best)) * np.sqrt(fast_variance)
+    reach = np.maximum(reach, _TOUCHING_REACH * longest)
     usable = np.flatnonzero(frame.is_usable)
     of_object, rows = near_pairs(motions.place, reach, frame.states[usable, :2])
     rows = usable[rows]
     apart = frame.states[rows, :2] - motions.place[of_object]
     squared = np.einsum("kd,kd->k", apart, apart)
-    area = (config.crowd_box * height) ** 2 / (2 * math.pi)
     gains, deviation = _place_gains(squared, area, variance, of_object)
-    fast_gains, fast_deviation = _place_gains(squared, area, fast_variance, of_object)
-    fast_gains += math.log(max(config.motion.jump_share, 1e-9))
-    is_jump = may_jump[of_object] & (fast_gains > gains)
-    gains, deviation = np.where(is_jump, fast_gains, gains), np.where(is_jump, fast_deviation, deviation)
+    is_jump = may_jump[of_object]
+    if is_jump.any():
+        fast_gains, fast_deviation = _place_gains(squared, area, fast_variance, of_object)
+        fast_gains += math.log(config.motion.jump_share)
+        is_jump &= fast_gains > gains
+        gains, deviation = np.where(is_jump, fast_gains, gains), np.where(is_jump, fast_deviation, deviation)
     resized = frame.states[rows, 2:] - motions.log_size[of_object]
     size_variance = (motions.size_variance + config.motion.size_noise**2)[of_object]
     gains += np.maximum(-0.5 * np.einsum("kd,kd->k", resized, resized) / size_variance, _WORST_SIZE)

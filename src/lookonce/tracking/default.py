@@ -97,7 +97,7 @@ class DefaultRule:
         self._end(step_s)
         self._begin(frame, is_clean, detections)
         is_unseen = (self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)
-        unseen_boxes = self.objects.motions.boxes()[is_unseen].astype(np.float32)
+        unseen_boxes = self.objects.motions.boxes(is_unseen).astype(np.float32)
         return Tracks(
             ids,
             detections.xyxy,
@@ -195,7 +195,11 @@ class DefaultRule:
         is_safe = (overlap >= config.safe_overlap) & (rivals == 2)
         is_safe &= self.objects.labels[objects] == frame.labels[rows]
         if frame.looks is not None:
-            asked = np.flatnonzero(~is_safe & (gains > -config.appearance_limit))
+            is_possible = gains > -config.appearance_limit
+            rivals = np.bincount(objects[is_possible], minlength=len(self.objects))[objects]
+            rivals += np.bincount(rows[is_possible], minlength=len(frame.scores))[rows]
+            is_certain = is_safe | ((rivals == 2) & (gains > config.appearance_limit))  # whatever the look
+            asked = np.flatnonzero(is_possible & ~is_certain)
             pair = chosen[asked]
             unknown = pair[np.isnan(pairs.distance[pair])]
             slots = self.objects.slots[pairs.objects[unknown]]

@@ -140,10 +140,10 @@ class Motions:
         self.velocity = self.velocity @ linear.T
         self.log_size += 0.5 * np.log(abs(np.linalg.det(linear)))
 
-    def boxes(self) -> _F:
-        """(P, 4) float64 xyxy where the objects are believed to be."""
-        half = np.exp(self.log_size) / 2
-        return np.concatenate([self.place - half, self.place + half], axis=1)
+    def boxes(self, chosen: NDArray[np.bool_] | slice = slice(None)) -> _F:
+        """(P, 4) float64 xyxy where the (chosen) objects are believed to be."""
+        half, place = np.exp(self.log_size[chosen]) / 2, self.place[chosen]
+        return np.concatenate([place - half, place + half], axis=1)
 
 
 def box_states(xyxy: NDArray[np.float32]) -> _F:

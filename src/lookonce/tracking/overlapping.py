@@ -13,6 +13,7 @@ from lookonce.tracking.pairs import near_pairs
 __all__ = ["Overlaps", "keep_best", "overlaps_of"]
 
 LEAST_OVERLAP = 0.2
+_DENSE = 128  # up to so many boxes comparing all is faster than a grid
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,14 @@ class Overlaps:
 
 def overlaps_of(xyxy: NDArray[np.float64]) -> Overlaps:
     """The overlapping pairs among boxes ``xyxy`` (N, 4)."""
+    if len(xyxy) <= _DENSE:
+        left, top, right, bottom = xyxy.T
+        is_meeting = (left[:, None] < right) & (right[:, None] > left)
+        is_meeting &= (top[:, None] < bottom) & (bottom[:, None] > top)
+        low, high = np.nonzero(is_meeting)
+        is_first = low < high
+        low, high = low[is_first], high[is_first]
+        return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(LEAST_OVERLAP)
     size = xyxy[:, 2:] - xyxy[:, :2]
     centre = (xyxy[:, :2] + xyxy[:, 2:]) / 2
     # The centre of the one with the shorter longest side is never farther away than the other's longest side.

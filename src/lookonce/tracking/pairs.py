@@ -25,8 +25,10 @@ def near_pairs(
         (K,) place and (K,) point of each pair, in rising order.
     """
     if len(places) * len(points) <= _DENSE:
-        apart = np.abs(places[:, None, :] - points[None, :, :])
-        rows, columns = np.nonzero((apart <= reach[:, None, None]).all(axis=2))
+        limit = reach[:, None]
+        is_near = np.abs(places[:, :1] - points[:, 0]) <= limit
+        is_near &= np.abs(places[:, 1:] - points[:, 1]) <= limit
+        rows, columns = np.nonzero(is_near)
         return rows, columns
     return _by_grid(places, reach, points)
 
