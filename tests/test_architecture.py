@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "lookonce"
 OURS = "lookonce"
 
 # in this order: each may import earlier ones
-LEAVES = ("errors", "boxes", "distances", "letterbox", "structures", "config", "interrupts", "assignment")
+LEAVES = ("errors", "boxes", "distances", "letterbox", "stories", "structures", "config", "interrupts", "assignment", "array_file")
 EXTRA = {"letterbox": {"av"}, "assignment": {"lap"}}
 
 # room -> ours, third party; "make.darknet" is a room inside a room, and the longest name that fits counts
@@ -27,12 +27,13 @@ ROOMS: dict[str, tuple[set[str], set[str]]] = {
     "video": ({*LEAVES}, {"av", "numpy"}),
     "models": ({*LEAVES}, {"platformdirs"}),
     "model": ({*LEAVES, "models"}, {"numpy", "onnxruntime"}),
+    "camera": ({*LEAVES}, {"numpy"}),
     "tracking": ({*LEAVES}, {"numpy"}),
     "output": ({*LEAVES, "video"}, {"numpy", "PIL", "av", "pyarrow"}),
     "datasets": ({*LEAVES, "video"}, {"numpy", "PIL", "defusedxml"}),
     "synthetic": ({*LEAVES, "video", "datasets"}, {"numpy", "PIL"}),
     "evaluation": ({*LEAVES, "datasets"}, {"lap", "numpy"}),
-    "pipeline": ({*LEAVES, "video", "model", "tracking", "output"}, {"numpy"}),
+    "pipeline": ({*LEAVES, "camera", "video", "model", "tracking", "output"}, {"numpy"}),
     "demo": (
         {*LEAVES, "video", "model", "tracking", "pipeline", "output", "evaluation", "synthetic"},
         {"numpy", "PIL"},
@@ -68,6 +69,16 @@ ROOMS["make.probing"] = (
     ROOMS["make"][0] | {"make.export", "make.descriptors"},
     ROOMS["make"][1] | {"matplotlib", "PIL"},
 )
+# trackers held against each other; those of others are imported inside functions
+ROOMS["compare"] = (
+    {*LEAVES, "datasets", "evaluation", "tracking", "model", "pipeline", "video", "output"},
+    {"numpy", "PIL", "ortools", "similari", "stonesoup", "supervision", "trackers"},
+)
+ROOMS["make.crops"] = (
+    ROOMS["make"][0] | {"make.export", "make.descriptors", "make.training", "compare"},
+    ROOMS["make"][1],
+)
+ROOMS["cli"][0].update({"compare", "make.crops"})
 
 FORBIDDEN_FILES = {"utils.py", "util.py", "misc.py", "helpers.py", "helper.py", "common.py"}
 MAX_FILE_LINES = 400

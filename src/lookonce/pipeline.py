@@ -26,7 +26,6 @@ __all__ = ["StageTimes", "TrackedFrame", "detector_score", "share_processors", "
 
 _PAPERS_SCORE = 0.25  # the usual one of detectors
 _FRAMES_AHEAD = 4
-_FRAMES_REMEMBERED = 4096  # rows of frames longer ago are not given back
 _MOST_WORKERS = 4  # each inference in flight holds its own activations in memory
 
 
@@ -149,7 +148,13 @@ def detector_score(preset: str | TrackerConfig) -> float:
     return config.low_score if isinstance(config, DefaultConfig) else _PAPERS_SCORE
 
 
-def tracker_for(model: Model, preset: str | TrackerConfig = "default", match_threshold: float | None = None) -> Tracker:
+def tracker_for(
+    model: Model,
+    preset: str | TrackerConfig = "default",
+    match_threshold: float | None = None,
+    *,
+    explain: bool = False,
+) -> Tracker:
     """A tracker with a preset's settings; the threshold as given, else as calibrated for the model, else the preset's.
 
     Raises:
@@ -162,7 +167,7 @@ def tracker_for(model: Model, preset: str | TrackerConfig = "default", match_thr
         raise ConfigError(f"{model.path}: has no descriptors, which tracker 'paper' needs; import it with them")
     calibrated = None if descriptor is None else descriptor.match_threshold
     threshold = match_threshold if match_threshold is not None else calibrated
-    return Tracker(config if threshold is None else replace(config, match_threshold=threshold))
+    return Tracker(config if threshold is None else replace(config, match_threshold=threshold), explain=explain)
 
 
 def track_video(
@@ -193,29 +198,17 @@ def track_video(
     times.workers = workers
     with prefetch(_letterboxed(video, model.size, times), depth=_FRAMES_AHEAD) as prepared:
         with closing(_detect(prepared, model, workers, times)) as detected:
-            indices: deque[int] = deque(maxlen=_FRAMES_REMEMBERED)
-            for update, (frame, detections) in enumerate(detected):
-                indices.append(frame.index)
+            for frame, detections in detected:
                 with times.stage("associate"):
                     if labels is not None and len(labels):
                         detections = detections[np.isin(detections.labels, labels)]
-                    tracks = replace(tracker.update(detections, frame.time_s), names=model.names)
-                    tracks = _in_source_frames(tracks, indices, update)
+                    tracks = tracker.update(detections, frame.time_s, frame=frame.index)
+                    tracks = replace(tracks, names=model.names)
                 with times.stage("write"), interrupts_deferred():
                     for sink in sinks:
                         sink.write(frame, tracks)
                 times.frames += 1
                 yield TrackedFrame(frame, tracks)
-
-
-def _in_source_frames(tracks: Tracks, indices: Sequence[int], update: int) -> Tracks:
-    """Tracks whose rows that are given back say the frame of the source instead of the number of the update."""
-    back = tracks.given_back
-    if not len(back):
-        return tracks
-    known = back.part(back.frames > update - len(indices))
-    frames = np.array([indices[number - update - 1] for number in known.frames.tolist()], np.int64)
-    return replace(tracks, given_back=replace(known, frames=frames))
 
 
 _Prepared = tuple[Frame, NDArray[np.uint8], Fit]

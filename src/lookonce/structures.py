@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.stories import FrameStory
+
 __all__ = [
     "NO_ID",
     "Detections",
@@ -137,8 +139,7 @@ class GivenBack:
     """Rows of earlier frames that get their identity now, because their object is confirmed only now.
 
     Attributes:
-        frames: (G,) int64, the frame of each row: from a tracker, the number of its update, from 0; from the pipeline,
-            the frame's number in the source.
+        frames: (G,) int64, the frame of each row, by the number that the tracker was given, or of its update from 0.
         rows: (G,) int64, its place among the rows of that frame.
         ids: (G,) int64.
         xyxy: (G, 4) float32, px of the original image: the detections' boxes.
@@ -184,6 +185,7 @@ class Tracks:
         unseen_xyxy: (U, 4) float32, where the tracker believes them to be.
         names: class names by label, where known.
         given_back: rows of earlier frames that belong to objects confirmed in this one.
+        story: why, where the tracker was asked to explain.
     """
 
     ids: NDArray[np.int64]
@@ -194,6 +196,7 @@ class Tracks:
     unseen_xyxy: NDArray[np.float32]
     names: tuple[str, ...] = ()
     given_back: GivenBack = _NOTHING
+    story: FrameStory | None = None
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -261,6 +261,6 @@ def test_memory_does_not_grow_with_the_stream():
     tracker = Tracker("paper")
     for angle in range(200):
         tracker.update(make_detections(at_angle(angle * 61, angle * 61 + 120)))
-    objects = tracker._rule._objects
+    objects = tracker._rule.objects
     assert objects is not None
     assert len(objects.ids) == len(objects.newest) == len(objects.references.units) == 2

@@ -14,13 +14,13 @@ import typer
 from lookonce import __version__
 from lookonce.cli.screen import RunScreen
 from lookonce.model import Model
-from lookonce.output import AnnotatedVideoSink, JsonLinesSink, MotSink, Sink, prepare_output_folder
+from lookonce.output import AnnotatedVideoSink, ExplainSink, JsonLinesSink, MotSink, Sink, prepare_output_folder
 from lookonce.pipeline import StageTimes, detector_score, share_processors, track_video, tracker_for
 from lookonce.video import VideoSource, open_video, without_password
 
 __all__ = ["track_command"]
 
-_MOT_FILE, _JSON_FILE, _VIDEO_FILE = "tracks.txt", "tracks.jsonl", "annotated.mp4"
+_MOT_FILE, _JSON_FILE, _VIDEO_FILE, _EXPLAIN_FILE = "tracks.txt", "tracks.jsonl", "annotated.mp4", "explain.jsonl"
 _USUAL_RATE = 25.0  # frames per second, for sources that do not say theirs
 
 _EXAMPLES = """
@@ -103,6 +103,9 @@ def track_command(
     fps: Annotated[
         float | None, typer.Option(help="Frame rate of an image folder.", show_default="seqinfo.ini's, else 25")
     ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Write explain.jsonl: why each detection got its id (lookonce explain).")
+    ] = False,
     video: Annotated[bool, typer.Option("--video/--no-video", help="Write the annotated video.")] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier results in the folder.")] = False,
     provider: Annotated[str, typer.Option(help="Where the model runs: cpu, cuda or openvino.")] = "cpu",
@@ -126,14 +129,20 @@ def track_command(
         fps=fps,
         provider=provider,
     )
-    _run(settings, output, overwrite=overwrite, with_video=video, threads=threads)
+    _run(settings, output, overwrite=overwrite, with_video=video, explain=explain, threads=threads)
 
 
 track_command.__doc__ = f"{track_command.__doc__}\n{_EXAMPLES}"
 
 
 def _run(
-    settings: TrackSettings, output: Path | None, *, overwrite: bool, with_video: bool, threads: int | None
+    settings: TrackSettings,
+    output: Path | None,
+    *,
+    overwrite: bool,
+    with_video: bool,
+    explain: bool,
+    threads: int | None,
 ) -> None:
     with ExitStack() as stack:
         video = stack.enter_context(settings.open_video())
@@ -146,10 +155,10 @@ def _run(
             iou_threshold=settings.iou,
         )
         labels = model.labels_of(settings.classes)
-        tracker = tracker_for(model, settings.tracker, settings.match_threshold)
+        tracker = tracker_for(model, settings.tracker, settings.match_threshold, explain=explain)
         header = _header(model, asdict(settings) | asdict(tracker.config))
         rate = (video.rate or _USUAL_RATE) / settings.every if with_video else None
-        sinks = _open_sinks(output or Path("runs") / video.name, overwrite, model, header, rate)
+        sinks = _open_sinks(output or Path("runs") / video.name, overwrite, model, header, rate, explain)
         for sink in sinks:
             stack.enter_context(sink)
         screen = RunScreen(video, StageTimes())
@@ -163,11 +172,18 @@ def _run(
 
 
 def _open_sinks(
-    folder: Path, overwrite: bool, model: Model, header: dict[str, object], video_rate: float | None
+    folder: Path,
+    overwrite: bool,
+    model: Model,
+    header: dict[str, object],
+    video_rate: float | None,
+    explain: bool,
 ) -> list[Sink]:
     """The files of one run; without a rate no video. Earlier results of any kind are in the way, or replaced."""
-    prepare_output_folder(folder, [_MOT_FILE, _JSON_FILE, _VIDEO_FILE], overwrite)
+    prepare_output_folder(folder, [_MOT_FILE, _JSON_FILE, _VIDEO_FILE, _EXPLAIN_FILE], overwrite)
     sinks: list[Sink] = [MotSink(folder / _MOT_FILE), JsonLinesSink(folder / _JSON_FILE, header, model.names)]
+    if explain:
+        sinks.append(ExplainSink(folder / _EXPLAIN_FILE, header))
     if video_rate is not None:
         sinks.append(AnnotatedVideoSink(folder / _VIDEO_FILE, model.names, video_rate))
     return sinks

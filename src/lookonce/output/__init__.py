@@ -2,6 +2,7 @@
 
 from lookonce.output.annotated import AnnotatedVideoSink
 from lookonce.output.drawing import TrackPainter, draw_tracks
+from lookonce.output.explained import ExplainSink
 from lookonce.output.folder import prepare_output_folder
 from lookonce.output.jsonl import JsonLinesSink
 from lookonce.output.mot import MotSink
@@ -11,6 +12,7 @@ from lookonce.output.trails import NO_TRAILS, TrailMemory, Trails
 __all__ = [
     "NO_TRAILS",
     "AnnotatedVideoSink",
+    "ExplainSink",
     "JsonLinesSink",
     "MotSink",
     "Sink",

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.distances import quantize
+from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, GivenBack, Tracks
 from lookonce.tracking.candidates import Frame, Pairs, find_pairs
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.explaining import Notes, tell
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import Objects
@@ -47,7 +49,7 @@ class WaitingRow:
 class DefaultRule:
     """The association of the presets ``default`` and ``iou``; one stream, ids from 1."""
 
-    def __init__(self, config: DefaultConfig) -> None:
+    def __init__(self, config: DefaultConfig, explains: bool = False) -> None:
         self.config = config
         self.objects = _nobody(config)
         self.looks = Looks(config.views, config.view_apart, config.view_interval_s)
@@ -58,7 +60,9 @@ class DefaultRule:
         self.now_s = 0.0
         self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
         self.clock_faults = 0
+        self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
+        self._frame_number = 0
 
     def update(
         self,
@@ -66,6 +70,7 @@ class DefaultRule:
         time_s: float | None = None,
         camera: NDArray[np.float64] | None = None,
         numbers: NDArray[np.int64] | None = None,
+        frame_number: int | None = None,
     ) -> Tracks:
         """Identities for the rows of one frame.
 
@@ -75,12 +80,13 @@ class DefaultRule:
                 the frames came at the configured rate.
             camera: (2, 3) affine, how the picture moved since the frame before, px; None: it did not.
             numbers: (N,) what rows that are given back later are called; by default their places.
+            frame_number: and their frame; by default the number of this update, from 0.
 
         Raises:
             ValueError: descriptors of another length than before.
         """
-        self._numbers = numbers
         step_s = self._advance(time_s)
+        self._numbers, self._frame_number = numbers, self.frame if frame_number is None else frame_number
         self._predict(step_s, camera)
         frame = self._look_at(detections)
         pairs = find_pairs(self.objects, frame, self.now_s, self.config)
@@ -92,10 +98,11 @@ class DefaultRule:
         is_weak_far &= ~frame.is_high[pairs.rows]
         self._match(frame, pairs, ~is_known, frame.is_usable, is_weak_far)
         is_clean = self._clean_rows(frame, pairs)
+        notes = self._note(frame, pairs, step_s) if self.explains else None
         given_back = self._see(frame, is_clean, detections)
         ids, labels = self._answer(frame)
-        self._end(step_s)
-        self._begin(frame, is_clean, detections)
+        ended = self._end(step_s)
+        is_new = self._begin(frame, is_clean, detections)
         is_unseen = (self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)
         unseen_boxes = self.objects.motions.boxes(is_unseen).astype(np.float32)
         return Tracks(
@@ -106,7 +113,25 @@ class DefaultRule:
             self.objects.ids[is_unseen],
             unseen_boxes,
             given_back=given_back,
+            story=None if notes is None else tell(notes, ids, is_new, ended, self.config),
         )
+
+    def _note(self, frame: Frame, pairs: Pairs, step_s: float) -> Notes:
+        """What the story of the frame needs, before anything changes."""
+        gains = pairs.gains.copy()
+        if frame.looks is not None:
+            unknown = np.flatnonzero(np.isnan(pairs.distance))
+            slots = self.objects.slots[pairs.objects[unknown]]
+            pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
+            gains += self._likeness(pairs.distance)
+        objects = self.objects
+        return Notes(frame, pairs, gains, objects.ids.copy(), objects.serials, self.now_s - objects.seen_s, step_s)
+
+    def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What distances of descriptors add to the gains; nothing where there is none."""
+        limit = self.config.appearance_limit
+        likeness = np.clip(self.config.appearance_weight * (self.config.match_threshold - distance), -limit, limit)
+        return np.where(np.isinf(distance), 0.0, likeness)
 
     def _advance(self, time_s: float | None) -> float:
         """Seconds since the frame before."""
@@ -204,10 +229,7 @@ class DefaultRule:
             unknown = pair[np.isnan(pairs.distance[pair])]
             slots = self.objects.slots[pairs.objects[unknown]]
             pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
-            distance = pairs.distance[pair]
-            limit = config.appearance_limit
-            likeness = np.clip(config.appearance_weight * (config.match_threshold - distance), -limit, limit)
-            gains[asked] += np.where(np.isinf(distance), 0.0, likeness)
+            gains[asked] += self._likeness(pairs.distance[pair])
         gains[is_safe] = np.maximum(gains[is_safe], _SURE)
         return gains
 
@@ -252,7 +274,7 @@ class DefaultRule:
         rows = self.waiting.setdefault(serial, deque(maxlen=self.config.given_back_rows))
         score, label = float(detections.scores[row]), int(detections.labels[row])
         number = row if self._numbers is None else int(self._numbers[row])
-        rows.append(WaitingRow(self.frame, number, detections.xyxy[row].copy(), score, label))
+        rows.append(WaitingRow(self._frame_number, number, detections.xyxy[row].copy(), score, label))
 
     def _give_back(self, real: NDArray[np.int64]) -> GivenBack:
         back: list[tuple[int, int, WaitingRow]] = []
@@ -281,17 +303,28 @@ class DefaultRule:
             labels[rows] = self.objects.labels[frame.object_of[rows]]
         return ids, labels
 
-    def _end(self, step_s: float) -> None:
+    def _end(self, step_s: float) -> tuple[Ended, ...]:
         """Forget whom nobody has seen for too long, or who has left the picture."""
         objects, config = self.objects, self.config
         unseen_s = self.now_s - objects.seen_s
         tentative_s = max(config.tentative_s, 1.01 * step_s)
         is_over = unseen_s > np.where(objects.is_real, config.memory_s, tentative_s)
         place = objects.motions.place
-        is_outside = (place < self.extent[:2]).any(axis=1) | (place > self.extent[2:]).any(axis=1)
+        is_beyond = (place < self.extent[:2]) | (place > self.extent[2:])
+        is_outside = is_beyond[:, 0] | is_beyond[:, 1]
         is_over |= is_outside & (unseen_s > config.leave_s)
-        if is_over.any():
-            self._forget(is_over)
+        if not is_over.any():
+            return ()
+        known = np.flatnonzero(is_over & (objects.ids != NO_ID)).tolist() if self.explains else []
+        ended = tuple(
+            Ended(
+                int(objects.ids[place]),
+                "left the picture" if is_outside[place] else f"not seen for {unseen_s[place]:.1f} s",
+            )
+            for place in known
+        )
+        self._forget(is_over)
+        return ended
 
     def _forget(self, is_over: NDArray[np.bool_]) -> None:
         for serial in self.objects.serials[is_over].tolist():
@@ -299,15 +332,15 @@ class DefaultRule:
         self.looks.release(self.objects.slots[is_over])
         self.objects = self.objects.part(~is_over)
 
-    def _begin(self, frame: Frame, is_clean: NDArray[np.bool_], detections: Detections) -> None:
-        """New objects from what is left; not from second boxes of what is there."""
+    def _begin(self, frame: Frame, is_clean: NDArray[np.bool_], detections: Detections) -> NDArray[np.bool_]:
+        """New objects from what is left, not from second boxes of what is there; (N,) which rows."""
         config = self.config
         is_wanted = frame.is_usable & (frame.scores >= config.birth_score)
         order = np.argsort(-frame.scores, kind="stable")
         is_new = keep_best(frame.overlaps.above(config.duplicate_overlap), order, is_wanted, frame.object_of >= 0)
         rows = np.flatnonzero(is_new)
         if not len(rows):
-            return
+            return is_new
         serials = np.arange(self.next_serial, self.next_serial + len(rows))
         self.next_serial += len(rows)
         slots = self.looks.take(len(rows))
@@ -319,6 +352,7 @@ class DefaultRule:
             self.looks.remember(slots, frame.looks.part(rows), is_clean[rows], self.now_s)
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
             self._wait(serial, row, detections)
+        return is_new
 
 
 def _nobody(config: DefaultConfig) -> Objects:

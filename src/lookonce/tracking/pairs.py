@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 __all__ = ["near_pairs"]
 
 _DENSE = 1 << 14  # up to so many combinations comparing all is faster than a grid
+_SLACK = 1e-9
+_MOST_STRIPS = 4096
 _LONGEST_STRIP = 64  # cells that one reach may span, so that a few huge ones cannot fill the memory
 
 
@@ -37,32 +39,37 @@ def _by_grid(
     places: NDArray[np.float64], reach: NDArray[np.float64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The same by strips: points sorted by strip and x; a place looks at a run of points in each strip it reaches."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = max(2 * float(np.median(reach)), float(2 * reach.max() / _LONGEST_STRIP), (high[1] - low[1]) / 4096, 1e-9)
-    width = float(high[0] - low[0]) + 1.0
+    low = points.min(axis=0)
+    span = points.max(axis=0) - low
+    wide = reach * (1 + _SLACK) + _SLACK * float(span.max())  # what rounding adds is taken away at the end
+    size = max(2 * float(np.median(wide)), float(2 * wide.max() / _LONGEST_STRIP), float(span[1]) / _MOST_STRIPS, 1e-9)
     strip = np.floor((points[:, 1] - low[1]) / size)
-    key = strip * width + (points[:, 0] - low[0])
+    last = float(strip.max())
+    pad = max(float(span[0]), 1.0)  # between the runs of two strips lies nothing for 3 pads
+    key = strip * (4 * pad) + (points[:, 0] - low[0])
     order = np.argsort(key, kind="stable")
     key = key[order]
-    last = float(strip.max())
-    first_strip = np.clip(np.floor((places[:, 1] - reach - low[1]) / size), 0, last + 1)
-    end_strip = np.clip(np.floor((places[:, 1] + reach - low[1]) / size), -1, last) + 1
-    rows, strips = _expanded(first_strip, end_strip)
-    left = np.clip(places[rows, 0] - reach[rows] - low[0], 0, width)
-    right = np.clip(places[rows, 0] + reach[rows] - low[0], -1, width - 1)
-    begin = np.searchsorted(key, strips * width + left, side="left")
-    end = np.searchsorted(key, strips * width + right, side="right")
-    runs, positions = _expanded(begin.astype(np.float64), np.maximum(begin, end).astype(np.float64))
-    rows, columns = rows[runs], order[positions.astype(np.intp)]
-    near = (np.abs(places[rows] - points[columns]) <= reach[rows, None]).all(axis=1)
+    first = np.clip(np.floor((places[:, 1] - wide - low[1]) / size), 0, last + 1).astype(np.intp)
+    end = np.clip(np.floor((places[:, 1] + wide - low[1]) / size), -1, last).astype(np.intp) + 1
+    rows, strips = _expanded(first, end)
+    origin = strips * (4 * pad)
+    left = np.clip(places[rows, 0] - wide[rows] - low[0], -pad, 2 * pad)
+    right = np.clip(places[rows, 0] + wide[rows] - low[0], -pad, 2 * pad)
+    runs, positions = _expanded(
+        np.searchsorted(key, origin + left, side="left"), np.searchsorted(key, origin + right, side="right")
+    )
+    rows, columns = rows[runs], order[positions]
+    near = np.abs(places[rows, 0] - points[columns, 0]) <= reach[rows]
+    near &= np.abs(places[rows, 1] - points[columns, 1]) <= reach[rows]
     rows, columns = rows[near], columns[near]
     rising = np.lexsort((columns, rows))
     return rows[rising], columns[rising]
 
 
-def _expanded(begin: NDArray[np.float64], end: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def _expanded(begin: NDArray[np.intp], end: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """For each row i the numbers ``begin[i]`` to ``end[i]`` - 1: the row of each, and the number."""
-    counts = np.maximum(end - begin, 0).astype(np.intp)
+    counts = np.maximum(end - begin, 0)
     rows = np.repeat(np.arange(len(counts)), counts)
-    start = np.cumsum(counts) - counts
-    return rows, begin[rows] + (np.arange(len(rows)) - start[rows])
+    numbers = np.arange(len(rows))
+    numbers += np.repeat(begin - (np.cumsum(counts) - counts), counts)
+    return rows, numbers

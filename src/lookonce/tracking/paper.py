@@ -14,7 +14,7 @@ from lookonce.structures import NO_ID, Detections, Tracks
 from lookonce.tracking.greedy import assign_greedily
 from lookonce.tracking.looks import median_of_three
 
-__all__ = ["PaperConfig", "PaperRule"]
+__all__ = ["PaperConfig", "PaperObjects", "PaperRule"]
 
 _NO_IDS = np.zeros(0, np.int64)
 _NO_BOXES = np.zeros((0, 4), np.float32)
@@ -38,7 +38,7 @@ class PaperConfig:
 
 
 @dataclass(slots=True)
-class _Objects:
+class PaperObjects:
     """The objects of the previous frame, P of them, in the order of its rows.
 
     Attributes:
@@ -66,8 +66,8 @@ class PaperRule:
 
     def __init__(self, config: PaperConfig) -> None:
         self.config = config
-        self._next_id = 1
-        self._objects: _Objects | None = None
+        self.next_id = 1
+        self.objects: PaperObjects | None = None
         self._limit = (config.match_threshold * SCALE) ** 2
 
     def update(self, detections: Detections) -> Tracks:
@@ -89,12 +89,12 @@ class PaperRule:
 
     def _identify(self, descriptors: Quantized) -> NDArray[np.int64]:
         """Ids (N,) of N descriptors; they become the previous frame."""
-        before = self._objects
+        before = self.objects
         units = descriptors.units
         count = len(units)
         if before is None or not (count and len(before.ids)):
             first = self._new_ids(count)
-            self._objects = _Objects(first, np.ones(count, np.int64), units, units, descriptors)
+            self.objects = PaperObjects(first, np.ones(count, np.int64), units, units, descriptors)
             return first
         size = before.newest.shape[1]
         if units.shape[1] != size:
@@ -110,13 +110,13 @@ class PaperRule:
             ids[~is_known] = self._new_ids(new)
         seen = np.where(is_known, np.minimum(before.seen[object_of] + 1, 3), 1)
         second, third = before.newest[object_of], before.second[object_of]
-        self._objects = _Objects(ids, seen, units, second, _references(seen, descriptors, second, third))
+        self.objects = PaperObjects(ids, seen, units, second, _references(seen, descriptors, second, third))
         return ids
 
     def _new_ids(self, count: int) -> NDArray[np.int64]:
-        first = self._next_id
-        self._next_id += count
-        return np.arange(first, self._next_id)
+        first = self.next_id
+        self.next_id += count
+        return np.arange(first, self.next_id)
 
 
 def _references(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
-from typing import Any, overload
+from pathlib import Path
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +23,7 @@ from lookonce.tracking.rows import (
     check_rows,
     rows_of_supervision,
 )
+from lookonce.tracking.state import load_rule, save_rule
 
 __all__ = ["PRESETS", "Tracker", "TrackerConfig"]
 
@@ -37,14 +40,15 @@ class Tracker:
     Args:
         preset: ``"default"`` (motion and appearance, through gaps), ``"iou"`` (the same without appearance) or
             ``"paper"`` (appearance against the frame before); or settings such as :class:`DefaultConfig`.
+        explain: whether :class:`Tracks` carry the story of each frame; it costs time.
 
     Attributes:
         config: the settings.
         dropped_rows: how many rows so far were bad (not finite, or of zero or negative size) and got no id.
-        given_back: rows of earlier frames whose object the last update confirmed; frames count updates from 0.
+        given_back: rows of earlier frames whose object the last update confirmed.
 
     Raises:
-        ConfigError: there is no such preset.
+        ConfigError: there is no such preset, or it cannot explain.
 
     >>> import numpy as np
     >>> tracker = Tracker("paper")
@@ -56,21 +60,28 @@ class Tracker:
     array([2., 1.])
     """
 
-    def __init__(self, preset: str | TrackerConfig = "default") -> None:
+    def __init__(self, preset: str | TrackerConfig = "default", *, explain: bool = False) -> None:
         if isinstance(preset, str):
             if preset not in PRESETS:
                 raise ConfigError(f"tracker '{preset}': expected one of {', '.join(PRESETS)}")
             preset = PRESETS[preset]()
+        if explain and isinstance(preset, PaperConfig):
+            raise ConfigError("tracker 'paper' does not explain: it only takes the nearest; use default or iou")
         self.config = preset
         self.dropped_rows = 0
         self.given_back = GivenBack.nothing()
         self._rule: DefaultRule | PaperRule = (
-            PaperRule(preset) if isinstance(preset, PaperConfig) else DefaultRule(preset)
+            PaperRule(preset) if isinstance(preset, PaperConfig) else DefaultRule(preset, explain)
         )
 
     @overload
     def update(
-        self, detections: Detections, time_s: float | None = None, *, camera: NDArray[np.float64] | None = None
+        self,
+        detections: Detections,
+        time_s: float | None = None,
+        *,
+        camera: NDArray[np.float64] | None = None,
+        frame: int | None = None,
     ) -> Tracks: ...
     @overload
     def update(
@@ -80,6 +91,7 @@ class Tracker:
         *,
         descriptors: ArrayLike | None = None,
         camera: NDArray[np.float64] | None = None,
+        frame: int | None = None,
     ) -> NDArray[np.float64]: ...
     @overload
     def update(
@@ -88,6 +100,7 @@ class Tracker:
         time_s: float | None = None,
         *,
         camera: NDArray[np.float64] | None = None,
+        frame: int | None = None,
     ) -> SupervisionDetections: ...
 
     def update(
@@ -97,6 +110,7 @@ class Tracker:
         *,
         descriptors: ArrayLike | None = None,
         camera: NDArray[np.float64] | None = None,
+        frame: int | None = None,
     ) -> Tracks | NDArray[np.float64] | SupervisionDetections:
         """Identities for one frame's detections: one row for each row, in the same order.
 
@@ -108,6 +122,7 @@ class Tracker:
                 than the preset's memory all objects are new. The preset ``paper`` goes by frames and does not use it.
             descriptors: (N, D) numbers, for the array form only; scaled to unit length.
             camera: (2, 3) float64 affine map from the picture before to this one, px; None: the camera stood still.
+            frame: what ``given_back`` calls this frame later; by default the number of the update, from 0.
 
         Returns:
             In kind: :class:`Tracks`; or an array (N, 7) float64 with the id as last column; or a copy of the
@@ -123,21 +138,44 @@ class Tracker:
         if isinstance(detections, Detections):
             if descriptors is not None:
                 raise ValueError("descriptors: Detections carry their own; give them there")
-            return self._identify(detections, time_s, camera)
+            return self._identify(detections, time_s, camera, frame)
         if isinstance(detections, np.ndarray):
-            ids = self._update_rows(check_rows(detections, descriptors), time_s, camera)
+            ids = self._update_rows(check_rows(detections, descriptors), time_s, camera, frame)
             return np.column_stack([detections, ids]).astype(np.float64)
         if isinstance(detections, SupervisionDetections):
             rows = check_rows(*rows_of_supervision(detections))
-            return answer_supervision(detections, self._update_rows(rows, time_s, camera))
+            return answer_supervision(detections, self._update_rows(rows, time_s, camera, frame))
         kind = type(detections).__name__
         raise TypeError(f"detections: expected Detections, an (N, 6) array or supervision.Detections, got {kind}")
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the whole state to one file; :meth:`load` goes on with it as if nothing had happened.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        save_rule(Path(path), self._rule, self.dropped_rows)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, explain: bool = False) -> Self:
+        """A tracker as it was when it was saved; the file is checked, and nothing in it is unpickled or run.
+
+        Raises:
+            FormatError: the file is something else, of another version, damaged or cut short.
+            ConfigError: its preset cannot explain.
+        """
+        rule, dropped_rows = load_rule(Path(path))
+        tracker = cls(rule.config, explain=explain)
+        if isinstance(rule, DefaultRule):
+            rule.explains = explain
+        tracker._rule, tracker.dropped_rows = rule, dropped_rows
+        return tracker
+
     def _update_rows(
-        self, checked: CheckedRows, time_s: float | None, camera: NDArray[np.float64] | None
+        self, checked: CheckedRows, time_s: float | None, camera: NDArray[np.float64] | None, frame: int | None
     ) -> NDArray[np.int64]:
         self.dropped_rows += int(np.count_nonzero(~checked.is_good))
-        tracks = self._identify(checked.detections, time_s, camera, np.flatnonzero(checked.is_good))
+        tracks = self._identify(checked.detections, time_s, camera, frame, np.flatnonzero(checked.is_good))
         return checked.spread(tracks.ids)
 
     def _identify(
@@ -145,10 +183,11 @@ class Tracker:
         detections: Detections,
         time_s: float | None,
         camera: NDArray[np.float64] | None,
+        frame: int | None,
         numbers: NDArray[np.int64] | None = None,
     ) -> Tracks:
         if isinstance(self._rule, PaperRule):
             return self._rule.update(detections)
-        tracks = self._rule.update(detections, time_s, camera, numbers)
+        tracks = self._rule.update(detections, time_s, camera, numbers, frame)
         self.given_back = tracks.given_back
         return tracks

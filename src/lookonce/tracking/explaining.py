@@ -1,0 +1,147 @@
+"""The decisions of one frame in words; costs time, so only on request."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.stories import Candidate, Ended, FrameStory, RowStory
+from lookonce.structures import NO_ID
+from lookonce.tracking.candidates import LARGEST_DEVIATION, Frame, Pairs
+from lookonce.tracking.default_config import DefaultConfig
+
+__all__ = ["Notes", "tell"]
+
+_MOST_CANDIDATES = 8  # of a row
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """What was known when the frame's rows had been matched and nothing else had changed.
+
+    Attributes:
+        frame, pairs: of the matching; all distances filled in.
+        gains: (K,) float64, of the pairs, with appearance.
+        ids: (P,) int64, of the objects before the frame.
+        serials: (P,) int64.
+        unseen_s: (P,) float64, since when each had not been seen.
+        step_s: since the frame before, s.
+    """
+
+    frame: Frame
+    pairs: Pairs
+    gains: NDArray[np.float64]
+    ids: NDArray[np.int64]
+    serials: NDArray[np.int64]
+    unseen_s: NDArray[np.float64]
+    step_s: float
+
+
+def tell(
+    notes: Notes, ids: NDArray[np.int64], is_new: NDArray[np.bool_], ended: tuple[Ended, ...], config: DefaultConfig
+) -> FrameStory:
+    """The story of a frame.
+
+    Args:
+        notes: taken between matching and everything else.
+        ids: (N,) the answer for the rows.
+        is_new: (N,) rows that became new objects.
+        ended: identities that ended.
+        config: the settings.
+    """
+    order = np.argsort(notes.pairs.rows, kind="stable")
+    begins = np.searchsorted(notes.pairs.rows[order], np.arange(len(ids) + 1))
+    rows = [
+        _row(notes, row, order[begins[row] : begins[row + 1]], int(ids[row]), bool(is_new[row]), config)
+        for row in range(len(ids))
+    ]
+    return FrameStory(tuple(rows), ended)
+
+
+def _row(
+    notes: Notes, row: int, pairs: NDArray[np.intp], identity: int, is_new: bool, config: DefaultConfig
+) -> RowStory:
+    taken = int(notes.frame.object_of[row])
+    by_gain = sorted(
+        pairs.tolist(),
+        key=lambda pair: (notes.pairs.objects[pair] != taken, -notes.gains[pair], notes.pairs.objects[pair]),
+    )
+    candidates = tuple(_candidate(notes, pair, taken, config) for pair in by_gain[:_MOST_CANDIDATES])
+    decision, reason = _decision(notes, row, taken, identity, is_new, config)
+    if taken >= 0 and candidates:
+        reason = f"{reason}: {_why(candidates, notes.gains[by_gain[0]], config)}"
+    return RowStory(row, decision, reason, candidates)
+
+
+def _decision(
+    notes: Notes, row: int, taken: int, identity: int, is_new: bool, config: DefaultConfig
+) -> tuple[str, str]:
+    score = float(notes.frame.scores[row])
+    if taken >= 0:
+        unseen_s = float(notes.unseen_s[taken])
+        if identity == NO_ID:
+            return "waiting", "continues an object that is not confirmed yet"
+        if notes.ids[taken] == NO_ID:
+            return "confirmed", f"the object is confirmed and gets id {identity}"
+        if unseen_s > 1.5 * notes.step_s:
+            return "refound", f"id {identity} again after {unseen_s:.2f} s"
+        return "kept", f"id {identity} as in the frame before"
+    if is_new:
+        return "new", "no known object fits; a new one, to be confirmed"
+    if score < config.low_score:
+        return "weak", f"score {score:.2f} is below {config.low_score:g}"
+    if not notes.frame.is_usable[row]:
+        return "duplicate", f"overlaps a detection of higher score by more than {config.same_overlap:g}"
+    if score < config.birth_score:
+        return "weak", f"score {score:.2f} is below {config.birth_score:g}, too low for a new object"
+    return "duplicate", f"overlaps a known or new object by more than {config.duplicate_overlap:g}"
+
+
+def _why(candidates: tuple[Candidate, ...], gain: float, config: DefaultConfig) -> str:
+    """What spoke for the first candidate, and who was next."""
+    first = candidates[0]
+    parts = [f"overlap {first.overlap:.2f}"]
+    if first.overlap < config.safe_overlap:
+        parts = [f"{first.deviation:.1f} standard deviations from where it was expected", *parts]
+    if first.distance is not None:
+        parts.append(f"look {first.distance:.2f} apart")
+    others = [one for one in candidates[1:] if not one.refused and one.id is not None]  # waiting ones come later
+    if others and others[0].gain is not None:
+        lead = gain - others[0].gain
+        of = f"id {others[0].id}"
+        parts.append(
+            f"ahead of {of} by {lead:.1f}" if lead >= 0 else f"{-lead:.1f} behind {of}, but best for the frame"
+        )
+    return ", ".join(parts)
+
+
+def _candidate(notes: Notes, pair: int, taken: int, config: DefaultConfig) -> Candidate:
+    pairs, place = notes.pairs, int(notes.pairs.objects[pair])
+    gain, distance = float(notes.gains[pair]), float(pairs.distance[pair])
+    return Candidate(
+        id=int(notes.ids[place]) if notes.ids[place] != NO_ID else None,
+        gain=gain if math.isfinite(gain) else None,
+        overlap=float(pairs.overlap[pair]),
+        deviation=float(pairs.deviation[pair]),
+        distance=distance if math.isfinite(distance) else None,
+        unseen_s=float(notes.unseen_s[place]),
+        refused="" if place == taken else _refused(notes, pair, config),
+    )
+
+
+def _refused(notes: Notes, pair: int, config: DefaultConfig) -> str:
+    """Which gate the pair did not pass; empty if it passed all and another was likelier."""
+    pairs, frame = notes.pairs, notes.frame
+    row, place = int(pairs.rows[pair]), int(pairs.objects[pair])
+    if not frame.is_high[row] and pairs.overlap[pair] < config.low_overlap:
+        return f"a score of {frame.scores[row]:.2f} has to overlap by {config.low_overlap:g}"
+    if pairs.deviation[pair] > LARGEST_DEVIATION:
+        return f"more than {LARGEST_DEVIATION:g} standard deviations from where it was expected"
+    if notes.gains[pair] <= 0:
+        likeness = config.match_threshold - pairs.distance[pair]
+        return "looks different" if math.isfinite(likeness) and likeness < 0 else "place and size make it unlikely"
+    others = np.flatnonzero(frame.object_of == place)
+    return f"taken by row {int(others[0])}" if len(others) else ""

@@ -1,0 +1,235 @@
+"""A tracker's whole state in one file, so that a run goes on as if it had never stopped."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.array_file import read_arrays, write_arrays
+from lookonce.distances import SCALE, Quantized
+from lookonce.errors import ConfigError, FormatError
+from lookonce.structures import NO_ID
+from lookonce.tracking.default import DefaultRule, WaitingRow
+from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.looks import LATEST
+from lookonce.tracking.motion import MotionConfig, Motions
+from lookonce.tracking.objects import EvidenceConfig, Objects
+from lookonce.tracking.paper import PaperConfig, PaperObjects, PaperRule
+
+__all__ = ["load_rule", "save_rule"]
+
+_FORMAT, _VERSION = "lookonce-tracker", 1
+_MOST_BYTES = 4_000_000_000  # 300,000 objects of 128 values
+_MOST_ABOUT = 100_000  # bytes
+_REMEDY = "give a file that Tracker.save wrote"
+_LARGEST = 2.0 * SCALE * SCALE  # of a descriptor's value in whole numbers, far above any
+
+_MOTIONS: dict[str, type] = {f"motion_{item.name}": np.float64 for item in fields(Motions)}
+_OBJECTS: dict[str, type] = {
+    "serials": np.int64,
+    "ids": np.int64,
+    "labels": np.int64,
+    "votes": np.float64,
+    "seen_s": np.float64,
+    "hits": np.int64,
+    "score_mean": np.float64,
+    "score_peak": np.float64,
+    "anchor": np.float64,
+    "travels": np.int64,
+    "travel_s": np.float64,
+    "is_real": np.bool_,
+}
+_LOOKS: dict[str, type] = {
+    "latest": np.float64,
+    "kept": np.float64,
+    "kept_squared": np.float64,
+    "seen": np.int64,
+    "view_count": np.int64,
+    "view_s": np.float64,
+}
+_WAITING: dict[str, type] = {"waiting": np.int64, "waiting_xyxy": np.float32, "waiting_scores": np.float32}
+_DEFAULT: dict[str, type] = {"extent": np.float64} | _MOTIONS | _OBJECTS | _LOOKS | _WAITING
+_PAPER: dict[str, type] = {
+    "paper_ids": np.int64,
+    "paper_seen": np.int64,
+    "newest": np.float64,
+    "second": np.float64,
+    "references": np.float64,
+}
+
+
+def save_rule(path: Path, rule: DefaultRule | PaperRule, dropped_rows: int) -> None:
+    """Write the state of a rule.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    about: dict[str, Any] = {"format": _FORMAT, "version": _VERSION, "dropped_rows": dropped_rows}
+    about |= {"config": asdict(rule.config), "next_id": rule.next_id}
+    if isinstance(rule, PaperRule):
+        about["preset"], arrays = "paper", _of_paper(rule)
+    else:
+        about |= {"preset": "default", "frame": rule.frame, "next_serial": rule.next_serial}
+        about |= {"clock_faults": rule.clock_faults, "now_s": rule.now_s, "size": rule.looks.size}
+        arrays = _of_default(rule)
+    text = json.dumps(about, allow_nan=False).encode()
+    write_arrays(path, {"about": np.frombuffer(text, np.uint8), **arrays})
+
+
+def load_rule(path: Path) -> tuple[DefaultRule | PaperRule, int]:
+    """The rule as it was saved, and how many rows had been dropped.
+
+    Raises:
+        FormatError: the file is something else, of another version, damaged or cut short.
+    """
+    arrays = read_arrays(path, {"about": np.uint8} | _DEFAULT | _PAPER, _MOST_BYTES, _REMEDY)
+    about = _about(path, arrays.pop("about", np.zeros(0, np.uint8)))
+    try:
+        rule = _paper(about, arrays) if about.get("preset") == "paper" else _default(about, arrays)
+        return rule, _count(about, "dropped_rows")
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError, ConfigError) as exc:
+        raise FormatError(path, 0, f"holds what cannot be a tracker's state ({exc}); {_REMEDY}") from exc
+
+
+def _about(path: Path, text: NDArray[np.uint8]) -> dict[str, Any]:
+    try:
+        about = json.loads(text.tobytes().decode()) if 0 < text.size <= _MOST_ABOUT else None
+    except (ValueError, RecursionError):
+        about = None
+    if not isinstance(about, dict) or about.get("format") != _FORMAT:
+        raise FormatError(path, 0, f"is no tracker's state; {_REMEDY}")
+    if about.get("version") != _VERSION:
+        raise FormatError(
+            path, 0, f"of version {about.get('version')}, expected {_VERSION}; use the lookonce that wrote it"
+        )
+    return about
+
+
+def _count(about: dict[str, Any], name: str, least: int = 0) -> int:
+    value = about[name]
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value < 2**62:
+        raise ValueError(f"{name}: expected a whole number from {least}, got {value}")
+    return value
+
+
+def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
+    objects, looks, slots = rule.objects, rule.looks, rule.objects.slots
+    arrays: dict[str, NDArray[Any]] = {"extent": rule.extent}
+    arrays |= {name: getattr(objects, name) for name in _OBJECTS}
+    arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
+    arrays |= {name: getattr(looks, name)[slots] for name in _LOOKS}
+    rows = [(serial, row) for serial, waiting in rule.waiting.items() for row in waiting]
+    numbers = [(serial, row.frame, row.row, row.label) for serial, row in rows]
+    arrays["waiting"] = np.array(numbers, np.int64).reshape(-1, 4)
+    arrays["waiting_xyxy"] = np.array([row.xyxy for _, row in rows], np.float32).reshape(-1, 4)
+    arrays["waiting_scores"] = np.array([row.score for _, row in rows], np.float32)
+    return arrays
+
+
+def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultRule:
+    settings = dict(about["config"])
+    motion, evidence = MotionConfig(**settings.pop("motion")), EvidenceConfig(**settings.pop("evidence"))
+    rule = DefaultRule(DefaultConfig(**settings, motion=motion, evidence=evidence))
+    rule.frame, rule.clock_faults = _count(about, "frame", -1), _count(about, "clock_faults")
+    rule.next_id, rule.next_serial = _count(about, "next_id", 1), _count(about, "next_serial")
+    rule.now_s = float(about["now_s"])
+    count = len(arrays["ids"])
+    two = {"place", "velocity", "log_size"}
+    shapes: dict[str, tuple[int, ...]] = {name: (count, 2) if name == "anchor" else (count,) for name in _OBJECTS}
+    shapes |= {name: (count, 2) if name.removeprefix("motion_") in two else (count,) for name in _MOTIONS}
+    _check(arrays, shapes | {"extent": (4,)}, may_be_infinite=("extent", "travel_s"))
+    if (np.diff(arrays["serials"]) <= 0).any() or (arrays["serials"] >= rule.next_serial).any():
+        raise ValueError("serials: expected rising numbers that were given out")
+    known = arrays["ids"][arrays["ids"] != NO_ID]
+    if len(np.unique(known)) < len(known) or (known < 1).any() or (known >= rule.next_id).any():
+        raise ValueError("ids: expected each once, from those that were given out")
+    rule.extent = arrays["extent"]
+    _restore_looks(rule, about["size"], arrays, count)
+    motions = Motions(*(arrays[f"motion_{item.name}"] for item in fields(Motions)))
+    own = {name: arrays[name] for name in _OBJECTS}
+    rule.objects = Objects(**own, slots=np.arange(count), motions=motions)
+    _restore_waiting(rule, arrays)
+    return rule
+
+
+def _restore_looks(rule: DefaultRule, size: object, arrays: dict[str, NDArray[Any]], count: int) -> None:
+    looks = rule.looks
+    if size is None:
+        looks.take(count)
+        return
+    if not isinstance(size, int) or isinstance(size, bool) or not 0 < size <= 1 << 16:
+        raise ValueError(f"size: expected the length of descriptors, got {size}")
+    views = 1 + looks.views
+    shapes: dict[str, tuple[int, ...]] = {
+        "latest": (count, LATEST, size),
+        "kept": (count, views, size),
+        "kept_squared": (count, views),
+    }
+    _check(arrays, shapes | dict.fromkeys(("seen", "view_count", "view_s"), (count,)), ("kept_squared", "view_s"))
+    looks.check_size(size)
+    looks.take(count)
+    for name in _LOOKS:
+        getattr(looks, name)[:count] = arrays[name]
+
+
+def _restore_waiting(rule: DefaultRule, arrays: dict[str, NDArray[Any]]) -> None:
+    count = len(arrays["waiting"])
+    _check(arrays, {"waiting": (count, 4), "waiting_xyxy": (count, 4), "waiting_scores": (count,)})
+    alive = set(rule.objects.serials.tolist())
+    for number, (serial, frame, row, label) in enumerate(arrays["waiting"].tolist()):
+        if serial not in alive:
+            raise ValueError("waiting: expected rows of objects that are alive")
+        rows = rule.waiting.setdefault(serial, deque(maxlen=rule.config.given_back_rows))
+        box, score = arrays["waiting_xyxy"][number], float(arrays["waiting_scores"][number])
+        rows.append(WaitingRow(frame, row, box, score, label))
+
+
+def _of_paper(rule: PaperRule) -> dict[str, NDArray[Any]]:
+    objects = rule.objects
+    if objects is None:
+        return {}
+    return {
+        "paper_ids": objects.ids,
+        "paper_seen": objects.seen,
+        "newest": objects.newest,
+        "second": objects.second,
+        "references": objects.references.units,
+    }
+
+
+def _paper(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> PaperRule:
+    rule = PaperRule(PaperConfig(**about["config"]))
+    rule.next_id = _count(about, "next_id", 1)
+    if not arrays:
+        return rule
+    count, size = arrays["newest"].shape
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("newest", "second", "references"), (count, size))
+    _check(arrays, shapes | dict.fromkeys(("paper_ids", "paper_seen"), (count,)))
+    rule.objects = PaperObjects(
+        arrays["paper_ids"],
+        arrays["paper_seen"],
+        arrays["newest"],
+        arrays["second"],
+        Quantized.of(arrays["references"]),
+    )
+    return rule
+
+
+def _check(
+    arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]], may_be_infinite: tuple[str, ...] = ()
+) -> None:
+    for name, shape in shapes.items():
+        values = arrays[name]
+        if values.shape != shape:
+            raise ValueError(f"{name}: expected {shape}, got {values.shape}")
+        if values.dtype.kind != "f":
+            continue
+        if np.isnan(values).any() or (name not in may_be_infinite and (np.abs(values) > _LARGEST).any()):
+            raise ValueError(f"{name}: holds numbers that are not finite, or far too large")
