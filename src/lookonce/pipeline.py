@@ -179,6 +179,7 @@ def track_video(
     workers: int = 1,
     sinks: Sequence[Sink] = (),
     times: StageTimes | None = None,
+    after: int = -1,
 ) -> Iterator[TrackedFrame]:
     """Track the objects of an opened source and write each frame to the sinks as it is done.
 
@@ -190,23 +191,25 @@ def track_video(
         workers: how many frames are inferred at once; the results do not depend on it.
         sinks: where results go; the caller closes them.
         times: takes the seconds of each stage.
+        after: frames up to this number are passed over, because an earlier run has tracked them.
 
     Yields:
         A :class:`TrackedFrame` for each frame.
     """
     times = times or StageTimes()
     times.workers = workers
-    with prefetch(_letterboxed(video, model.size, times), depth=_FRAMES_AHEAD) as prepared:
+    with prefetch(_letterboxed(video, model.size, times, after), depth=_FRAMES_AHEAD) as prepared:
         with closing(_detect(prepared, model, workers, times)) as detected:
             for frame, detections in detected:
-                with times.stage("associate"):
-                    if labels is not None and len(labels):
-                        detections = detections[np.isin(detections.labels, labels)]
-                    tracks = tracker.update(detections, frame.time_s, frame=frame.index)
-                    tracks = replace(tracks, names=model.names)
-                with times.stage("write"), interrupts_deferred():
-                    for sink in sinks:
-                        sink.write(frame, tracks)
+                with interrupts_deferred():  # tracker and results never differ by a frame
+                    with times.stage("associate"):
+                        if labels is not None and len(labels):
+                            detections = detections[np.isin(detections.labels, labels)]
+                        tracks = tracker.update(detections, frame.time_s, frame=frame.index)
+                        tracks = replace(tracks, names=model.names)
+                    with times.stage("write"):
+                        for sink in sinks:
+                            sink.write(frame, tracks)
                 times.frames += 1
                 yield TrackedFrame(frame, tracks)
 
@@ -245,7 +248,7 @@ def _detect(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _letterboxed(video: VideoSource, size: tuple[int, int], times: StageTimes) -> Iterator[_Prepared]:
+def _letterboxed(video: VideoSource, size: tuple[int, int], times: StageTimes, after: int) -> Iterator[_Prepared]:
     """Frames with their pictures as the network wants them; runs in the reading thread."""
     letterbox = Letterboxer(size)
     frames = iter(video)
@@ -254,6 +257,8 @@ def _letterboxed(video: VideoSource, size: tuple[int, int], times: StageTimes) -
             frame = next(frames, None)
         if frame is None:
             return
+        if frame.index <= after:
+            continue
         with times.stage("letterbox"):
             canvas, placed = letterbox(frame.picture, frame.rotation)
         yield frame, canvas, placed

@@ -1,6 +1,7 @@
 """Where results go: MOT text, JSON lines, annotated video."""
 
 from lookonce.output.annotated import AnnotatedVideoSink
+from lookonce.output.checkpoint import CHECKPOINT_FILE, CheckpointSink, read_checkpoint
 from lookonce.output.drawing import TrackPainter, draw_tracks
 from lookonce.output.explained import ExplainSink
 from lookonce.output.folder import prepare_output_folder
@@ -10,8 +11,10 @@ from lookonce.output.sink import Sink
 from lookonce.output.trails import NO_TRAILS, TrailMemory, Trails
 
 __all__ = [
+    "CHECKPOINT_FILE",
     "NO_TRAILS",
     "AnnotatedVideoSink",
+    "CheckpointSink",
     "ExplainSink",
     "JsonLinesSink",
     "MotSink",
@@ -21,4 +24,5 @@ __all__ = [
     "Trails",
     "draw_tracks",
     "prepare_output_folder",
+    "read_checkpoint",
 ]

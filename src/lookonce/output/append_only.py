@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from io import FileIO
 from pathlib import Path
 
@@ -19,17 +20,28 @@ class AppendOnlyFile:
 
     Args:
         path: the file; an existing one is emptied.
+        keep: go on after so many bytes of an existing file; what follows them is cut off.
+
+    Attributes:
+        path: the file.
+        size: bytes of the whole records.
 
     Raises:
-        OutputError: the file cannot be created.
+        OutputError: the file cannot be created, or is shorter than what is to be kept.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, keep: int | None = None) -> None:
         self.path = path
-        self._size = 0  # bytes of the whole records
+        self.size = keep or 0
         self._failed = False
         try:
-            self._file = FileIO(path, "w")
+            self._file = FileIO(path, "w" if keep is None else "r+")
+            if self._file.seek(0, os.SEEK_END) < self.size:
+                self._file.close()
+                raise OutputError(f"{path}: shorter than when the run stopped; start again with --overwrite")
+            if keep is not None:
+                self._file.truncate(keep)
+                self._file.seek(keep)
         except OSError as exc:
             raise OutputError(f"{path}: cannot be created ({_reason(exc)}); choose another folder") from exc
 
@@ -51,7 +63,7 @@ class AppendOnlyFile:
             raise OutputError(
                 f"{self.path}: cannot be written ({_reason(exc)}); it is valid up to the record before"
             ) from exc
-        self._size += len(record)
+        self.size += len(record)
 
     def _write_all(self, record: bytes) -> None:
         rest = memoryview(record)
@@ -61,7 +73,7 @@ class AppendOnlyFile:
     def _cut_off_part(self) -> None:
         self._failed = True
         with contextlib.suppress(OSError):  # a pipe or a device has nothing to cut
-            self._file.truncate(self._size)
+            self._file.truncate(self.size)
         self.close()
 
     def close(self) -> None:

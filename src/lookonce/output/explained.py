@@ -28,16 +28,18 @@ class ExplainSink(Sink):
 
     Args:
         path: the file; an existing one is emptied.
+        keep: go on after so many bytes of an existing file.
         header: what the first line says besides the format; JSON values only.
 
     Raises:
         OutputError: the file cannot be created.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, object]) -> None:
+    def __init__(self, path: Path, header: Mapping[str, object], keep: int | None = None) -> None:
         self.path = path
-        self._file = AppendOnlyFile(path)
-        self._append({**_LAYOUT, **header})
+        self._file = AppendOnlyFile(path, keep)
+        if keep is None:
+            self._append({**_LAYOUT, **header})
 
     def write(self, frame: Frame, tracks: Tracks) -> None:
         """Append the frame's line; a frame whose tracker was not asked to explain has rows without reasons."""
@@ -61,6 +63,11 @@ class ExplainSink(Sink):
 
     def _append(self, record: Mapping[str, object]) -> None:
         self._file.append((json.dumps(record, allow_nan=False, separators=(",", ":")) + "\n").encode("utf-8"))
+
+    @property
+    def size(self) -> int:
+        """Bytes written."""
+        return self._file.size
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

@@ -38,6 +38,7 @@ class JsonLinesSink(Sink):
 
     Args:
         path: the file; an existing one is emptied.
+        keep: go on after so many bytes of an existing file.
         header: what the first line says besides the format: versions, hashes, settings; JSON values only.
         names: the class names by label.
 
@@ -47,15 +48,16 @@ class JsonLinesSink(Sink):
         TypeError: the header holds what JSON cannot say.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, object], names: Sequence[str]) -> None:
+    def __init__(self, path: Path, header: Mapping[str, object], names: Sequence[str], keep: int | None = None) -> None:
         taken = sorted(_LAYOUT.keys() & header.keys())
         if taken:
             raise ValueError(f"header: {', '.join(taken)} is written by the sink, got it from the caller")
         first_line = _line({**_LAYOUT, **header})
         self.path = path
         self._names = tuple(names)
-        self._file = AppendOnlyFile(path)
-        self._file.append(first_line)
+        self._file = AppendOnlyFile(path, keep)
+        if keep is None:
+            self._file.append(first_line)
 
     def write(self, frame: Frame, tracks: Tracks) -> None:
         """Append the frame's line."""
@@ -109,6 +111,11 @@ class JsonLinesSink(Sink):
             }
             for index, identity, label, box, score in columns
         ]
+
+    @property
+    def size(self) -> int:
+        """Bytes written."""
+        return self._file.size
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

@@ -25,14 +25,15 @@ class MotSink(Sink):
 
     Args:
         path: the text file; an existing one is emptied.
+        keep: go on after so many bytes of an existing file.
 
     Raises:
         OutputError: the file cannot be created.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, keep: int | None = None) -> None:
         self.path = path
-        self._file = AppendOnlyFile(path)
+        self._file = AppendOnlyFile(path, keep)
 
     def write(self, frame: Frame, tracks: Tracks) -> None:
         """Append the frame's lines in one piece; a frame without identities adds none.
@@ -59,6 +60,11 @@ class MotSink(Sink):
             )
         ]
         self._file.append("".join(lines).encode("ascii"))
+
+    @property
+    def size(self) -> int:
+        """Bytes written."""
+        return self._file.size
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
