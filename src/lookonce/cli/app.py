@@ -10,13 +10,17 @@ import typer
 from typer.main import get_command
 
 from lookonce import __version__
+from lookonce.cli.compare_crops import fit_crops_command
+from lookonce.cli.comparing import compare_command
 from lookonce.cli.demo import demo_command
 from lookonce.cli.detecting import train_detector_command
 from lookonce.cli.downloading import models_app
 from lookonce.cli.evaluating import eval_command
+from lookonce.cli.explaining import explain_command
 from lookonce.cli.fitting import fit_command
 from lookonce.cli.importing import import_command
 from lookonce.cli.probing import probe_command
+from lookonce.cli.reporting import report_command
 from lookonce.cli.synth import synth_command
 from lookonce.cli.tracking import track_command
 from lookonce.errors import LookonceError
@@ -37,7 +41,11 @@ app = typer.Typer(
 app.command("demo")(demo_command)
 app.command("track", no_args_is_help=True)(track_command)
 app.command("eval", no_args_is_help=True)(eval_command)
+app.command("compare", no_args_is_help=True)(compare_command)
+app.command("report", no_args_is_help=True)(report_command)
+app.command("explain", no_args_is_help=True)(explain_command)
 app.command("fit", no_args_is_help=True)(fit_command)
+app.command("fit-crops", no_args_is_help=True)(fit_crops_command)
 app.command("import", no_args_is_help=True)(import_command)
 app.add_typer(models_app, name="models")
 app.command("train-detector", no_args_is_help=True)(train_detector_command)

@@ -100,7 +100,11 @@ class Motions:
         self.place_variance += noise * (step_s**3 / 3)
         self.covariance += self.velocity_variance * step_s + noise * (step_s**2 / 2)
         self.velocity_variance += noise * step_s
-        np.minimum(self.velocity_variance, config.new_speed**2 * squared_height, out=self.velocity_variance)
+        bound = config.new_speed**2 * squared_height
+        is_beyond = self.velocity_variance > bound
+        if is_beyond.any():  # the covariance goes with it, or the matrix would not be one of a distribution any more
+            self.covariance[is_beyond] *= np.sqrt(bound[is_beyond] / self.velocity_variance[is_beyond])
+            self.velocity_variance[is_beyond] = bound[is_beyond]
         self.size_variance += config.size_drift**2 * step_s
         np.minimum(self.size_variance, _LARGEST_SIZE_VARIANCE, out=self.size_variance)
 
