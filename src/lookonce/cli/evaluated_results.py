@@ -108,7 +108,7 @@ def named_paths(given: Sequence[str]) -> dict[str, Path]:
         if not is_named:
             name = _name_of(path)
         if name in named:
-            raise ConfigError(f"two results are called {one_line(name)}; name them: --results NAME=PATH")
+            raise ConfigError(f"two results are called {one_line(name)}; name them: NAME=PATH")
         named[name] = path
     return named
 

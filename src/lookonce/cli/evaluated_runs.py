@@ -18,7 +18,15 @@ from lookonce.errors import ConfigError
 from lookonce.evaluation import DetracScores, TrackingResult, TrackingScores, combine, evaluate_tracking
 from lookonce.video.opening import one_line
 
-__all__ = ["ClassChoice", "EvaluatedRun", "EvaluatedSequence", "choose_classes", "evaluate_run"]
+__all__ = [
+    "ClassChoice",
+    "EvaluatedRun",
+    "EvaluatedSequence",
+    "choose_classes",
+    "evaluate_run",
+    "labels_in_truth",
+    "rows_of",
+]
 
 _ANOTHER_CLASS = "of another class"
 _BENCHMARK_CLASSES = 7  # as many as MOT16, MOT17 and MOT20 have that are not left out
@@ -162,12 +170,12 @@ def _evaluate(
     by_class: dict[str, Scores] = {}
     chosen, truth = found.result, sequence.truth
     if choice.labels:
-        labels = _labels_in_truth(sequence, found, choice, file.shown if file else run, unknown)
+        labels = labels_in_truth(sequence, found, choice, file.shown if file else run, unknown)
         if not choice.is_all:
-            chosen = _rows_of(found.result, np.isin(labels, choice.labels))
+            chosen = rows_of(found.result, np.isin(labels, choice.labels))
             truth = replace(truth, is_counted=truth.is_counted & np.isin(truth.labels, choice.labels))
         for label in choice.labels if choice.is_apart else ():
-            rows = _rows_of(found.result, labels == label)
+            rows = rows_of(found.result, labels == label)
             by_class[sequence.classes[label]] = evaluate_tracking(truth.of_class(label), rows, protocol)
     return EvaluatedSequence(
         sequence.name, evaluate_tracking(truth, chosen, protocol), by_class, file, len(found.result)
@@ -179,7 +187,7 @@ def _combined(scores: Sequence[Scores]) -> Scores:
     return combine(usual) if usual else combine([one for one in scores if isinstance(one, DetracScores)])
 
 
-def _rows_of(result: TrackingResult, is_chosen: NDArray[np.bool_]) -> TrackingResult:
+def rows_of(result: TrackingResult, is_chosen: NDArray[np.bool_]) -> TrackingResult:
     """The chosen rows; the others are counted as left out."""
     left_out = Counter(dict(result.left_out)) + Counter({_ANOTHER_CLASS: int((~is_chosen).sum())})
     return TrackingResult(
@@ -187,7 +195,7 @@ def _rows_of(result: TrackingResult, is_chosen: NDArray[np.bool_]) -> TrackingRe
     )
 
 
-def _labels_in_truth(
+def labels_in_truth(
     sequence: TrueSequence, found: SequenceResult, choice: ClassChoice, shown: str, unknown: Counter[str]
 ) -> NDArray[np.int64]:
     """(N,) int64: the truth's label of each row of a result; names that the truth does not have go to ``unknown``."""

@@ -138,12 +138,15 @@ class ClearMatching:
 
     Args:
         scene: truth and result.
+
+    Attributes:
+        tracks: (N,) int64, the id that each true box is matched with; -1 = none.
     """
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._before = _rows_before(scene)
-        self._track = np.full(len(scene.truth), -1, np.int64)  # the id that each true box is matched with
+        self._before = rows_before(scene)
+        self.tracks = np.full(len(scene.truth), -1, np.int64)
         self._overlap = np.zeros(len(scene.truth))
 
     def add(self, pairs: Pairs) -> None:
@@ -158,7 +161,7 @@ class ClearMatching:
         for places in components(hard.truths, hard.results):
             part = places.tolist()
             weights = [
-                overlaps[place] + (_KEPT if before[place] >= 0 and self._track[before[place]] == tracks[place] else 0.0)
+                overlaps[place] + (_KEPT if before[place] >= 0 and self.tracks[before[place]] == tracks[place] else 0.0)
                 for place in part
             ]
             best, is_only = solve_part([truths[place] for place in part], [results[place] for place in part], weights)
@@ -166,33 +169,33 @@ class ClearMatching:
                 self._match_frame(near, int(hard.frames[part[0]]))
                 continue
             for place in (part[number] for number in best):
-                self._track[truths[place]], self._overlap[truths[place]] = tracks[place], overlaps[place]
+                self.tracks[truths[place]], self._overlap[truths[place]] = tracks[place], overlaps[place]
 
     def _weights(self, pairs: Pairs) -> NDArray[np.float64]:
         before = self._before[pairs.truths]
-        last = np.where(before >= 0, self._track[before], -1)
+        last = np.where(before >= 0, self.tracks[before], -1)
         is_kept: NDArray[np.float64] = _KEPT * (last == self._scene.result.ids[pairs.results])
         return is_kept + pairs.overlaps
 
     def _match(self, pairs: Pairs) -> None:
-        self._track[pairs.truths] = self._scene.result.ids[pairs.results]
+        self.tracks[pairs.truths] = self._scene.result.ids[pairs.results]
         self._overlap[pairs.truths] = pairs.overlaps
 
     def _match_frame(self, near: Pairs, frame: int) -> None:
         """Matches a frame anew as a whole, where several choices are best."""
         first, last = np.searchsorted(near.frames, [frame, frame + 1])
         pairs = near[first:last]
-        self._track[pairs.truths] = -1
+        self.tracks[pairs.truths] = -1
         self._match(pairs[best_pairs(self._scene, pairs, self._weights(pairs))])
 
     def scores(self) -> ClearScores:
         """The figures, after the last frame."""
         truth, result = self._scene.truth, self._scene.result
-        found = self._track >= 0
+        found = self.tracks >= 0
         tp = int(found.sum())
         rows = np.flatnonzero(found)[by_id(truth.ids[found])]  # by object, then by frame
         is_same_object = np.diff(truth.ids[rows]) == 0
-        switches = int((is_same_object & (np.diff(self._track[rows]) != 0)).sum())
+        switches = int((is_same_object & (np.diff(self.tracks[rows]) != 0)).sum())
         starts = found & ~((self._before >= 0) & found[self._before])
         restarts = np.maximum(np.bincount(truth.ids[starts], minlength=truth.count) - 1, 0)
         lengths = np.bincount(truth.ids, minlength=truth.count)
@@ -212,7 +215,7 @@ class ClearMatching:
         )
 
 
-def _rows_before(scene: Scene) -> NDArray[np.int64]:
+def rows_before(scene: Scene) -> NDArray[np.int64]:
     """(N,) int64: for each true box the row of the same object in the frame before, -1 = none."""
     is_used = (np.diff(scene.truth.starts) > 0) & (np.diff(scene.result.starts) > 0)
     number = np.cumsum(is_used)[scene.truth.frames]

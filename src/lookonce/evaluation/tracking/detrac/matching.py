@@ -18,7 +18,7 @@ from lookonce.evaluation.tracking.overlaps import Boxes, Pairs, Scene, by_id, ov
 from lookonce.evaluation.tracking.preparation import NOT_COUNTED, frames_with_truth
 from lookonce.evaluation.tracking.values import TrackingResult, TrackingTruth
 
-__all__ = ["evaluate_detrac"]
+__all__ = ["Matches", "evaluate_detrac", "prepare_detrac", "rows_before"]
 
 MIN_IOU = 0.7
 MIN_IOU_HELD = 0.7 * 0.8
@@ -30,15 +30,15 @@ NO_AREA = "result: zero or negative size"
 
 def evaluate_detrac(truth: TrackingTruth, result: TrackingResult) -> DetracScores:
     """The figures of a sequence; see ``evaluate_tracking``."""
-    scene, left_out = _prepare(truth, result)
-    before = _rows_before(scene)
-    matches = _Matches(scene)
+    scene, left_out = prepare_detrac(truth, result)
+    before = rows_before(scene)
+    matches = Matches(scene)
     for pairs in overlapping_pairs(scene):
         matches.add(pairs)
     return _scores(scene, before, matches, left_out)
 
 
-def _prepare(truth: TrackingTruth, result: TrackingResult) -> tuple[Scene, Counter[str]]:
+def prepare_detrac(truth: TrackingTruth, result: TrackingResult) -> tuple[Scene, Counter[str]]:
     """The rows that count, true boxes rounded, and how many rows do not count and why."""
     left_out: Counter[str] = Counter()
     truth_frames, result_frames, rows = frames_with_truth(truth, result, left_out)
@@ -85,7 +85,7 @@ def _is_result_covered(xyxy: NDArray[np.float64], regions: NDArray[np.float64]) 
     return is_covered
 
 
-class _Matches:
+class Matches:
     """What each true box is matched with, frame by frame: ``track`` (N,) int64, -1 = nothing, ``overlap`` (N,)."""
 
     def __init__(self, scene: Scene) -> None:
@@ -129,7 +129,7 @@ class _Matches:
         self._held = matched
 
 
-def _rows_before(scene: Scene) -> NDArray[np.int64]:
+def rows_before(scene: Scene) -> NDArray[np.int64]:
     """(N,) int64: for each true box the row of the same object one frame earlier, -1 = none."""
     frames = scene.truth.frames
     rows = by_id(scene.truth.ids)
@@ -139,7 +139,7 @@ def _rows_before(scene: Scene) -> NDArray[np.int64]:
     return before
 
 
-def _scores(scene: Scene, before: NDArray[np.int64], matches: _Matches, left_out: Counter[str]) -> DetracScores:
+def _scores(scene: Scene, before: NDArray[np.int64], matches: Matches, left_out: Counter[str]) -> DetracScores:
     truth = scene.truth
     found = matches.track >= 0
     tp = int(found.sum())
