@@ -79,6 +79,12 @@ ROOMS["make.crops"] = (
     ROOMS["make"][1],
 )
 ROOMS["cli"][0].update({"compare", "make.crops"})
+# a tracker's settings searched on detections at hand
+ROOMS["tuning"] = (
+    {*LEAVES, "compare", "datasets", "evaluation", "model", "pipeline", "tracking", "video"},
+    {"numpy", "optuna"},
+)
+ROOMS["cli"][0].add("tuning")
 
 FORBIDDEN_FILES = {"utils.py", "util.py", "misc.py", "helpers.py", "helper.py", "common.py"}
 MAX_FILE_LINES = 400

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from datasets.making import refusal
-from lookonce.config import read_settings
+from lookonce.config import check_settings, read_settings, setting_types
 from lookonce.errors import ConfigError, FormatError
 
 
@@ -17,6 +17,18 @@ class Settings:
     rate: float = 0.5
     name: str = "a"
     is_fast: bool = False
+
+
+@dataclass(frozen=True)
+class Inner:
+    share: float = 0.1
+    hits: int = 2
+
+
+@dataclass(frozen=True)
+class Nested:
+    count: int = 1
+    inner: Inner = Inner()
 
 
 def write(folder, content: str | bytes):
@@ -103,3 +115,38 @@ def test_a_file_whose_limit_falls_into_a_letter_is_too_large(tmp_path):
     """The first bytes alone would have been taken for no text."""
     path = write(tmp_path, b"#" * (1 << 20) + "ä".encode())
     assert "larger than" in refusal(ConfigError, lambda: read_settings(path, Settings))
+
+
+def test_a_dataclass_inside_is_a_table(tmp_path):
+    path = write(tmp_path, "count = 2\n[inner]\nshare = 1\n")
+    assert read_settings(path, Nested) == {"count": 2, "inner": {"share": 1.0}}
+    assert read_settings(write(tmp_path, "inner.hits = 3"), Nested) == {"inner": {"hits": 3}}
+    assert read_settings(write(tmp_path, "[inner]"), Nested) == {"inner": {}}
+    assert setting_types(Nested) == {"count": int, "inner.share": float, "inner.hits": int}
+
+
+@pytest.mark.parametrize(
+    ("content", "parts"),
+    [
+        pytest.param("[inner]\nshaer = 1", ["'inner.shaer'", "did you mean inner.share?"], id="misspelt"),
+        pytest.param("share = 1", ["'share'", "did you mean inner.share?"], id="outside its table"),
+        pytest.param("inner = 1", ["inner = 1", "expected a table [inner]"], id="no table"),
+        pytest.param("[[inner]]\nshare = 1", ["expected a table [inner]"], id="list of tables"),
+        pytest.param("[inner]\nhits = 1.5", ["inner.hits = 1.5", "a whole number"], id="type"),
+        pytest.param("[inner.share]\nx = 1", ["inner.share", "a number"], id="table for a number"),
+        pytest.param("[count]\nx = 1", ["count", "a whole number"], id="table for a plain setting"),
+        pytest.param('"inner.share" = 1', ["'inner.share'", "tables"], id="dot in quotes"),
+        pytest.param('[inner]\n"inner.share" = 1', ["'inner.inner.share'", "tables"], id="dot in quotes in a table"),
+    ],
+)
+def test_what_is_wrong_in_a_table_is_one_line_with_its_full_name(tmp_path, content, parts):
+    message = refusal(ConfigError, lambda: read_settings(write(tmp_path, content), Nested))
+    for part in ("settings.toml", *parts):
+        assert part in message
+
+
+def test_values_from_elsewhere_are_checked_alike():
+    assert check_settings("--set", {"inner": {"share": 2}}, Nested) == {"inner": {"share": 2.0}}
+    assert refusal(ConfigError, lambda: check_settings("--set", {"x": 2}, Nested)).startswith(
+        "--set: unknown setting 'x'"
+    )

@@ -176,3 +176,14 @@ def test_an_interrupt_in_mid_write_loses_no_sink_a_frame(square_clip: Path, squa
         for _ in track_video(video, model, tracker_for(model), sinks=[Interrupted(0), Interrupted(1)]):
             pass
     assert written == [[0, 1, 2, 3], [0, 1, 2, 3]]
+
+
+@pytest.mark.parametrize("follows_camera", [True, False])
+def test_a_still_camera_gives_the_same_tracks_with_and_without_its_motion(
+    square_clip: Path, square_model: Path, follows_camera: bool
+) -> None:
+    model = lookonce.Model(square_model)
+    with lookonce.open_video(square_clip) as video:
+        found = list(track_video(video, model, tracker_for(model), follows_camera=follows_camera))
+    with lookonce.open_video(square_clip) as video:
+        assert rows(found) == rows(track_video(video, model, tracker_for(model)))

@@ -81,7 +81,11 @@ def setting_types(settings: type) -> dict[str, type]:
     """The type of each field of a dataclass; fields of dataclasses in it by names such as ``motion.place_noise``."""
     found: dict[str, type] = {}
     for name, kind in get_type_hints(settings).items():
-        inner = {f"{name}.{one}": type_ for one, type_ in setting_types(kind).items()} if is_dataclass(kind) else {}
+        inner = (
+            {f"{name}.{one}": type_ for one, type_ in setting_types(kind).items()}
+            if isinstance(kind, type) and is_dataclass(kind)
+            else {}
+        )
         found |= inner or {name: kind}
     return found
 

@@ -9,10 +9,12 @@ from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.camera import CameraMotion, luma_of_canvas
 from lookonce.errors import ConfigError
 from lookonce.interrupts import interrupts_deferred
 from lookonce.letterbox import Fit, Letterboxer
@@ -22,11 +24,34 @@ from lookonce.structures import Detections, Tracks
 from lookonce.tracking import DefaultConfig, PaperConfig, Tracker, TrackerConfig
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 
-__all__ = ["StageTimes", "TrackedFrame", "detector_score", "share_processors", "track", "track_video", "tracker_for"]
+__all__ = [
+    "Detector",
+    "StageTimes",
+    "TrackedFrame",
+    "detector_score",
+    "share_processors",
+    "track",
+    "track_video",
+    "tracker_for",
+]
 
 _PAPERS_SCORE = 0.25  # the usual one of detectors
 _FRAMES_AHEAD = 4
+_CAMERA_SIZE = (384, 640)  # of the pictures in which the camera's motion is looked for, where there is no network
 _MOST_WORKERS = 4  # each inference in flight holds its own activations in memory
+
+
+class Detector(Protocol):
+    """What finds the objects of a frame: a model, or a file in which another program's detections are kept."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Class names, by label."""
+        ...
+
+    def detect(self, frame: Frame, /) -> Detections:
+        """The objects of one frame."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +84,13 @@ class StageTimes:
     Attributes:
         frames: how many frames went through.
         workers: how many frames are inferred at once.
-        seconds: by stage: decode, letterbox, detect, associate, write.
+        seconds: by stage: decode, letterbox, detect, camera, associate, write.
     """
 
     frames: int = 0
     workers: int = 1
     seconds: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(("decode", "letterbox", "detect", "associate", "write"), 0.0)
+        default_factory=lambda: dict.fromkeys(("decode", "letterbox", "detect", "camera", "associate", "write"), 0.0)
     )
 
     @contextmanager
@@ -172,7 +197,7 @@ def tracker_for(
 
 def track_video(
     video: VideoSource,
-    model: Model,
+    model: Detector,
     tracker: Tracker,
     *,
     labels: NDArray[np.int64] | None = None,
@@ -180,65 +205,90 @@ def track_video(
     sinks: Sequence[Sink] = (),
     times: StageTimes | None = None,
     after: int = -1,
+    follows_camera: bool = True,
 ) -> Iterator[TrackedFrame]:
     """Track the objects of an opened source and write each frame to the sinks as it is done.
 
     Args:
         video: frames in order.
-        model: finds and describes the objects.
+        model: finds the objects, and describes them if it can; a :class:`Model` does so for several frames at once.
         tracker: gives them identities.
         labels: (C,) the classes to keep; none or empty: all.
         workers: how many frames are inferred at once; the results do not depend on it.
         sinks: where results go; the caller closes them.
         times: takes the seconds of each stage.
         after: frames up to this number are passed over, because an earlier run has tracked them.
+        follows_camera: whether the tracker is told how the camera moves. A camera that stands still gives the same
+            results either way; the preset ``paper`` does not use it.
 
     Yields:
         A :class:`TrackedFrame` for each frame.
     """
     times = times or StageTimes()
+    follows_camera = follows_camera and isinstance(tracker.config, DefaultConfig)
+    camera = CameraMotion() if follows_camera else None
     times.workers = workers
-    with prefetch(_letterboxed(video, model.size, times, after), depth=_FRAMES_AHEAD) as prepared:
-        with closing(_detect(prepared, model, workers, times)) as detected:
-            for frame, detections in detected:
-                with interrupts_deferred():  # tracker and results never differ by a frame
-                    with times.stage("associate"):
-                        if labels is not None and len(labels):
-                            detections = detections[np.isin(detections.labels, labels)]
-                        tracks = tracker.update(detections, frame.time_s, frame=frame.index)
-                        tracks = replace(tracks, names=model.names)
-                    with times.stage("write"):
-                        for sink in sinks:
-                            sink.write(frame, tracks)
-                times.frames += 1
-                yield TrackedFrame(frame, tracks)
+    with _detected(video, model, workers, times, after, needs_luma=follows_camera) as detected:
+        for frame, luma, detections in detected:
+            with interrupts_deferred():  # tracker and results never differ by a frame
+                motion = None
+                if camera is not None and luma is not None:
+                    with times.stage("camera"):
+                        motion = camera.update(luma, detections.xyxy, frame.size, frame.time_s)
+                with times.stage("associate"):
+                    if labels is not None and len(labels):
+                        detections = detections[np.isin(detections.labels, labels)]
+                    tracks = tracker.update(detections, frame.time_s, camera=motion, frame=frame.index)
+                    tracks = replace(tracks, names=model.names)
+                with times.stage("write"):
+                    for sink in sinks:
+                        sink.write(frame, tracks)
+            times.frames += 1
+            yield TrackedFrame(frame, tracks)
 
 
+@contextmanager
+def _detected(
+    video: VideoSource, detector: Detector, workers: int, times: StageTimes, after: int, *, needs_luma: bool
+) -> Iterator[Iterator[_Detected]]:
+    """Frames with their detections, in order; decoding runs ahead."""
+    if isinstance(detector, Model):
+        with prefetch(_letterboxed(video, detector.size, times, after), depth=_FRAMES_AHEAD) as prepared:
+            with closing(_detect(prepared, detector, workers, times)) as detected:
+                yield detected
+    elif needs_luma:
+        with prefetch(_letterboxed(video, _CAMERA_SIZE, times, after), depth=_FRAMES_AHEAD) as prepared:
+            yield ((frame, luma_of_canvas(canvas, fit), detector.detect(frame)) for frame, canvas, fit in prepared)
+    else:
+        with prefetch(_decoded(video, times, after), depth=_FRAMES_AHEAD) as frames:
+            yield ((frame, None, detector.detect(frame)) for frame in frames)
+
+
+_Detected = tuple[Frame, NDArray[np.uint8] | None, Detections]
 _Prepared = tuple[Frame, NDArray[np.uint8], Fit]
 
 
-def _detect(
-    prepared: Iterable[_Prepared], model: Model, workers: int, times: StageTimes
-) -> Generator[tuple[Frame, Detections]]:
-    """Frames with their detections, in order; with several workers that many frames are inferred at once."""
+def _detect(prepared: Iterable[_Prepared], model: Model, workers: int, times: StageTimes) -> Generator[_Detected]:
+    """Frames with their luma and detections, in order; with several workers that many frames are inferred at once."""
 
     def infer(canvas: NDArray[np.uint8], placed: Fit) -> tuple[Detections, float]:
         start = time.perf_counter()
         return model.run(canvas[np.newaxis], [placed])[0], time.perf_counter() - start
 
-    def finish(frame: Frame, result: tuple[Detections, float]) -> tuple[Frame, Detections]:
+    def finish(waiting: _Prepared, result: tuple[Detections, float]) -> _Detected:
         times.seconds["detect"] += result[1]
-        return frame, result[0]
+        frame, canvas, placed = waiting
+        return frame, luma_of_canvas(canvas, placed), result[0]
 
     if workers == 1:
-        for frame, canvas, placed in prepared:
-            yield finish(frame, infer(canvas, placed))
+        for one in prepared:
+            yield finish(one, infer(*one[1:]))
         return
     pool = ThreadPoolExecutor(workers, thread_name_prefix="lookonce-infer")
     try:
-        pending: deque[tuple[Frame, Future[tuple[Detections, float]]]] = deque()
-        for frame, canvas, placed in prepared:
-            pending.append((frame, pool.submit(infer, canvas, placed)))
+        pending: deque[tuple[_Prepared, Future[tuple[Detections, float]]]] = deque()
+        for one in prepared:
+            pending.append((one, pool.submit(infer, *one[1:])))
             if len(pending) > workers:  # one more waits, so that no worker does
                 first, result = pending.popleft()
                 yield finish(first, result.result())
@@ -251,14 +301,19 @@ def _detect(
 def _letterboxed(video: VideoSource, size: tuple[int, int], times: StageTimes, after: int) -> Iterator[_Prepared]:
     """Frames with their pictures as the network wants them; runs in the reading thread."""
     letterbox = Letterboxer(size)
+    for frame in _decoded(video, times, after):
+        with times.stage("letterbox"):
+            canvas, placed = letterbox(frame.picture, frame.rotation)
+        yield frame, canvas, placed
+
+
+def _decoded(video: VideoSource, times: StageTimes, after: int) -> Iterator[Frame]:
+    """Frames later than ``after`` as they are; runs in the reading thread."""
     frames = iter(video)
     while True:
         with times.stage("decode"):
             frame = next(frames, None)
         if frame is None:
             return
-        if frame.index <= after:
-            continue
-        with times.stage("letterbox"):
-            canvas, placed = letterbox(frame.picture, frame.rotation)
-        yield frame, canvas, placed
+        if frame.index > after:
+            yield frame

@@ -356,7 +356,18 @@ def test_wrong_usage_is_exit_code_2(options, truth, results):
 
 def test_a_sweep_tracks_on_fewer_frames_and_thins_the_truth(square_model, tmp_path):
     folder = write_squares(tmp_path / "squares")
-    arguments = ("--truth", folder, "--sweep", "every=1,2", "--model", square_model, "--threads", 1)
+    arguments = (
+        "--truth",
+        folder,
+        "--sweep",
+        "every=1,2",
+        "--model",
+        square_model,
+        "--tracker",
+        "paper",
+        "--threads",
+        1,
+    )
     result = done(*arguments, "--columns", "mota,idf1,boxes,frames", "--json", tmp_path / "o.json")
     rows = [line.split() for line in result.stdout.splitlines() if line.startswith(" every")]
     assert rows == [["every", "1", "100.0", "100.0", "36", "12"], ["every", "2", "100.0", "100.0", "18", "6"]]
@@ -371,7 +382,18 @@ def test_a_sweep_tracks_on_fewer_frames_and_thins_the_truth(square_model, tmp_pa
 def test_a_sweep_over_a_video(square_clip, square_model, tmp_path):
     folder = write_squares(tmp_path / "squares")
     result = done(
-        *("--truth", folder, "--frames", square_clip, "--sweep", "every=3", "--model", square_model),
+        *(
+            "--truth",
+            folder,
+            "--frames",
+            square_clip,
+            "--sweep",
+            "every=3",
+            "--model",
+            square_model,
+            "--tracker",
+            "paper",
+        ),
         *("--columns", "mota,boxes"),
     )
     assert table_row(result.stdout, "squares") == ["100.0", "12"]

@@ -21,8 +21,10 @@ from lookonce.cli.fitting import fit_command
 from lookonce.cli.importing import import_command
 from lookonce.cli.probing import probe_command
 from lookonce.cli.reporting import report_command
+from lookonce.cli.settings import settings_command
 from lookonce.cli.synth import synth_command
 from lookonce.cli.tracking import track_command
+from lookonce.cli.tuning import tune_command
 from lookonce.errors import LookonceError
 
 __all__ = ["main"]
@@ -41,6 +43,8 @@ app = typer.Typer(
 app.command("demo")(demo_command)
 app.command("track", no_args_is_help=True)(track_command)
 app.command("eval", no_args_is_help=True)(eval_command)
+app.command("tune", no_args_is_help=True)(tune_command)
+app.command("settings")(settings_command)
 app.command("compare", no_args_is_help=True)(compare_command)
 app.command("report", no_args_is_help=True)(report_command)
 app.command("explain", no_args_is_help=True)(explain_command)

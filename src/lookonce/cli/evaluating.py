@@ -32,6 +32,7 @@ from lookonce.datasets import read_class_names
 from lookonce.errors import ConfigError
 from lookonce.evaluation import PROTOCOLS, DetracScores, PRScores, pr_scores
 from lookonce.pipeline import detector_score
+from lookonce.tracking.settings import choose_tracker
 from lookonce.video.opening import one_line
 
 __all__ = ["eval_command"]
@@ -111,7 +112,11 @@ _DetectorPr = Annotated[
 ]
 _Sweep = Annotated[str, typer.Option(metavar="every=1,2,4", help="Track on every n-th frame.", rich_help_panel=_SWEEP)]
 _Model = Annotated[str, typer.Option("-m", "--model", help="Model file or name.", rich_help_panel=_SWEEP)]
-_Tracker = Annotated[str, typer.Option(help="Tracking preset.", rich_help_panel=_SWEEP)]
+_Tracker = Annotated[str, typer.Option(help="Tracking preset, or a TOML file.", rich_help_panel=_SWEEP)]
+_Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Change a setting of the tracker.", rich_help_panel=_SWEEP),
+]
 _Score = Annotated[
     float | None,
     typer.Option(
@@ -175,6 +180,7 @@ def eval_command(
     sweep: _Sweep = "",
     model: _Model = "street",
     tracker: _Tracker = "default",
+    changes: _Changes = None,
     score: _Score = None,
     provider: _Provider = "cpu",
     threads: _Threads = None,
@@ -201,8 +207,10 @@ def eval_command(
     if sweep:
         if results or detector_pr:
             raise ConfigError("--sweep tracks by itself; leave --results and --detector-pr away")
-        chosen_score = detector_score(tracker) if score is None else score
-        _run_sweep(settings, SweepSettings(parse_sweep(sweep), model, tracker, chosen_score, provider, threads))
+        chosen = choose_tracker(tracker, changes or ())
+        chosen_score = detector_score(chosen.config) if score is None else score
+        swept = SweepSettings(parse_sweep(sweep), model, chosen, chosen_score, provider, threads)
+        _run_sweep(settings, swept, tracker)
     else:
         _run_results(settings, results or [], detector_pr)
 
@@ -283,7 +291,7 @@ def _refuse_empty(run: EvaluatedRun, path: Path, settings: _Settings) -> None:
         raise ConfigError(f"{one_line(path)}: the results hold no box; {remedy}")
 
 
-def _run_sweep(settings: _Settings, sweep: SweepSettings) -> None:
+def _run_sweep(settings: _Settings, sweep: SweepSettings, tracker: str) -> None:
     start = time.perf_counter()
     truth, choice = _open(settings)
     for sequence in truth:
@@ -301,7 +309,13 @@ def _run_sweep(settings: _Settings, sweep: SweepSettings) -> None:
             runs.append(evaluate_run(f"every {every}", thinned, track, {}, settings.protocol, choice))
     model = {"file": sweeper.model.path.name, "sha256": sweeper.model.sha256}
     more: dict[str, object] = {
-        "sweep": {"every": list(sweep.every), "model": model, "tracker": sweep.tracker, "score": sweep.score}
+        "sweep": {
+            "every": list(sweep.every),
+            "model": model,
+            "tracker": one_line(tracker),
+            "settings": asdict(sweeper.config),
+            "score": sweep.score,
+        }
     }
     _finish(settings, truth, runs, more, start, heading="frames")
 

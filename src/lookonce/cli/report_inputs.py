@@ -15,7 +15,6 @@ from lookonce.cli.evaluated_results import ResultFile, SequenceResult, find_resu
 from lookonce.cli.evaluated_runs import ClassChoice
 from lookonce.cli.evaluated_truth import TrueSequence
 from lookonce.datasets import usual_name
-from lookonce.errors import ConfigError
 from lookonce.evaluation import TrackingResult
 from lookonce.report.explained import Explanation, read_explanation
 from lookonce.report.run_lines import RunLines, read_mot_lines, read_run_lines

@@ -28,6 +28,8 @@ class RunScreen:
         self.times = times
         self.identities = 0
         self.seconds = 0.0
+        self.passed_over = 0  # frames that an earlier run has tracked
+        self.last_index: int | None = None  # of the last frame that was tracked, from 0
 
     def follow(self, frames: Iterator[TrackedFrame]) -> None:
         """Consume the frames, showing progress on stderr: a bar on a terminal, a line now and then elsewhere."""
@@ -63,13 +65,15 @@ class RunScreen:
         return f"{self.video.name}: {done} of {total} frames, {rate:.1f} fps, {max(0, total - done) / rate:.0f} s left"
 
     def _count(self, frame: TrackedFrame) -> None:
+        self.last_index = frame.index
         self.identities = max(self.identities, int(frame.tracks.ids.max(initial=NO_ID)))
 
     def print_summary(self, files: list[Path]) -> None:
         """One table: frames, frames a second of each stage, identities, files."""
         table = Table(title=Text(self.video.name), show_header=False, title_justify="left")
         rate = self.times.frames / self.seconds if self.seconds else 0.0
-        table.add_row("frames", f"{self.times.frames} in {self.seconds:.1f} s, {rate:.1f} fps")
+        earlier = f", going on after frame {self.passed_over}" if self.passed_over else ""
+        table.add_row("frames", f"{self.times.frames} in {self.seconds:.1f} s, {rate:.1f} fps{earlier}")
         for stage, seconds in self.times.seconds.items():
             if seconds > 0:
                 each = seconds / max(1, self.times.frames)

@@ -16,6 +16,8 @@ from lookonce.errors import ConfigError
 from lookonce.evaluation import ResultCollector
 from lookonce.model import Model
 from lookonce.pipeline import share_processors, track_video, tracker_for
+from lookonce.tracking import Tracker
+from lookonce.tracking.settings import ChosenTracker
 from lookonce.video import open_video
 
 __all__ = ["SweepSettings", "Sweeper", "parse_sweep"]
@@ -30,7 +32,7 @@ class SweepSettings:
     Attributes:
         every: take every so many-th frame: one run each.
         model: a model file or the name of one that ships.
-        tracker: a preset.
+        tracker: the settings, and whether they say a match threshold.
         score: keep detections above this score.
         provider: where the model runs.
         threads: for one inference; None = shared out.
@@ -38,7 +40,7 @@ class SweepSettings:
 
     every: tuple[int, ...]
     model: str
-    tracker: str
+    tracker: ChosenTracker
     score: float
     provider: str
     threads: int | None
@@ -65,14 +67,18 @@ class Sweeper:
         classes: track only these classes of the model, by their usual names; none = all.
         screen: where progress goes.
 
+    Attributes:
+        config: the tracker's settings in force.
+
     Raises:
         LookonceError: the model cannot be opened, has no descriptors, or none of the classes.
     """
 
     def __init__(self, settings: SweepSettings, classes: Sequence[str], screen: StageScreen) -> None:
+        self._settings = settings
         threads, self._workers = share_processors(False, settings.threads, settings.provider)
         self.model = Model(settings.model, provider=settings.provider, threads=threads, score_threshold=settings.score)
-        tracker_for(self.model, settings.tracker)  # refuses before the first frame
+        self.config = self._tracker().config  # refuses before the first frame
         wanted = {usual_name(name) for name in classes}
         self._labels = np.array(
             [label for label, name in enumerate(self.model.names) if usual_name(name) in wanted], np.int64
@@ -80,12 +86,15 @@ class Sweeper:
         if wanted and not len(self._labels):
             known = ", ".join(self.model.names[:12])
             raise ConfigError(f"{self.model.path}: finds none of the classes {', '.join(classes)}; it has {known}")
-        self._settings = settings
         self._screen = screen
+
+    def _tracker(self) -> Tracker:
+        chosen = self._settings.tracker
+        return tracker_for(self.model, chosen.config, chosen.threshold())
 
     def track(self, sequence: TrueSequence, every: int) -> SequenceResult:
         """The tracks on every so many-th frame of a sequence, from the first."""
-        tracker, collected = tracker_for(self.model, self._settings.tracker), ResultCollector()
+        tracker, collected = self._tracker(), ResultCollector()
         stage = f"every {every}: {sequence.name}"
         with open_video(sequence.pictures, every=every, fps=sequence.fps) as video:
             tracked = track_video(video, self.model, tracker, labels=self._labels, workers=self._workers)

@@ -16,6 +16,7 @@ from lookonce.datasets.class_names import check_class_name
 from lookonce.datasets.text import LARGEST_WHOLE, MAX_ROWS, fault, quoted, read_text
 from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES, TrackRows, first_twins
 from lookonce.errors import FormatError
+from lookonce.structures import NO_ID
 
 __all__ = ["NamedTrackRows", "read_jsonl_results"]
 
@@ -43,24 +44,29 @@ class NamedTrackRows:
 class _Collected:
     """What has been read so far: corners and score of each box, its frame, id, label and line, and the class names."""
 
+    needs_identity: bool
     boxes: array[float] = field(default_factory=lambda: array("d"))
     numbers: array[int] = field(default_factory=lambda: array("q"))
     names: dict[str, int] = field(default_factory=dict)
     left_out: Counter[str] = field(default_factory=Counter)
 
 
-def read_jsonl_results(path: Path) -> NamedTrackRows:
+def read_jsonl_results(path: Path, *, needs_identity: bool = True) -> NamedTrackRows:
     """The boxes of a ``tracks.jsonl``; frames count from 0 in it.
 
     Boxes without identity, and those with a number that was not finite, are left out and counted. What a tracker
     believes of unseen objects is no result. A header alone is a result without boxes.
+
+    Args:
+        path: the file.
+        needs_identity: whether boxes without identity are left out; else their id is -1, and an id may come twice.
 
     Raises:
         FormatError: it breaks its format, is of another version, or a frame has an id twice.
     """
     lines = read_text(path, max_line_bytes=_MAX_LINE_BYTES).split("\n")
     _check_header(path, lines[0])
-    found = _Collected()
+    found = _Collected(needs_identity)
     for number, line in enumerate(lines[1:], 2):
         if line.strip():
             _add_frame(path, number, _parsed(path, number, line), found)
@@ -68,7 +74,7 @@ def read_jsonl_results(path: Path) -> NamedTrackRows:
     numbers = np.array(found.numbers, np.int64).reshape(-1, 4)
     frames, ids, labels = (numbers[:, column].copy() for column in range(3))
     rows = TrackRows(frames, ids, boxes[:, :4].copy(), labels, boxes[:, 4].copy())
-    if twins := first_twins(rows.frames, rows.ids):
+    if needs_identity and (twins := first_twins(rows.frames, rows.ids)):
         first, second = twins
         message = f"id {rows.ids[first]} a second time in frame {rows.frames[first]}; remove one of the two"
         raise fault(path, int(numbers[second, 3]), message)
@@ -104,7 +110,7 @@ def _add_frame(path: Path, line: int, record: dict[str, object], found: _Collect
         raise fault(path, line, message)
     for track in tracks:
         _add_track(path, line, frame, track, found)
-    given_back = record.get("given_back", [])
+    given_back = record.get("given_back", []) if found.needs_identity else []  # else they have been read before
     if not isinstance(given_back, list):
         raise _bad(path, line, "given_back: a list of tracks", given_back)
     for track in given_back:
@@ -120,10 +126,11 @@ def _add_frame(path: Path, line: int, record: dict[str, object], found: _Collect
 def _add_track(path: Path, line: int, frame: int, track: object, found: _Collected) -> None:
     if not isinstance(track, dict) or not {"id", "name", "xyxy"} <= track.keys():
         raise _bad(path, line, "a track with id, name and xyxy", track)
-    if track["id"] is None:
+    if track["id"] is None and found.needs_identity:
         found.left_out[_NO_IDENTITY] += 1
         return
-    identity, name, xyxy = _whole(track["id"], LARGEST_WHOLE), track["name"], track["xyxy"]
+    identity = NO_ID if track["id"] is None else _whole(track["id"], LARGEST_WHOLE)
+    name, xyxy = track["name"], track["xyxy"]
     if identity is None:
         raise _bad(path, line, "id: a whole number from 0", track["id"])
     if not isinstance(name, str):

@@ -48,20 +48,25 @@ class CheckpointSink(Sink):
         folder: of the results.
         save_state: writes the tracker's state to a file.
         sizes: gives name and size in bytes of each result file.
+        state: the file that the run goes on from, where it does.
 
     Raises:
         OutputError: the folder cannot be written, at the first checkpoint.
     """
 
     def __init__(
-        self, folder: Path, save_state: Callable[[Path], None], sizes: Callable[[], Mapping[str, int]]
+        self,
+        folder: Path,
+        save_state: Callable[[Path], None],
+        sizes: Callable[[], Mapping[str, int]],
+        state: Path | None = None,
     ) -> None:
         self.path = folder / CHECKPOINT_FILE
         self._save_state, self._sizes = save_state, sizes
         self._frame: int | None = None
         self._kept: int | None = None
         self._next_s = time.monotonic() + _EVERY_S
-        self._state: Path | None = None
+        self._state = state
 
     def write(self, frame: Frame, tracks: Tracks) -> None:
         """Take note of a frame that all other sinks have."""
@@ -80,7 +85,8 @@ class CheckpointSink(Sink):
             draft.replace(self.path)
         except OSError as exc:
             raise OutputError(f"{self.path}: cannot be written ({exc.strerror}); free some space") from exc
-        self._remove_state()
+        if self._state != state:
+            self._remove_state()
         self._state, self._kept = state, self._frame
 
     def _remove_state(self) -> None:

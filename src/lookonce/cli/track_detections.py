@@ -1,0 +1,69 @@
+"""Detections from a file instead of a model, for `lookonce track --detections`."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from lookonce.datasets.detections import DetectionFile, read_detections
+from lookonce.errors import ConfigError
+from lookonce.tracking import PaperConfig, Tracker, TrackerConfig
+from lookonce.video.opening import one_line
+
+__all__ = ["open_detections", "tracker_without_descriptors", "warn_of_other_frames"]
+
+log = logging.getLogger(__name__)
+
+
+def open_detections(path: Path, score: float | None) -> DetectionFile:
+    """A file of detections above a score (None: all); what was left out or changed is said.
+
+    Raises:
+        FormatError: it breaks its format.
+    """
+    found = read_detections(path)
+    if found.left_out:
+        counts = ", ".join(f"{count:,} {why}" for why, count in sorted(found.left_out.items()))
+        log.warning("%s: rows left out: %s", one_line(path), counts)
+    if found.score_range is not None:
+        least, greatest = found.score_range
+        log.warning("%s: scores from %g to %g are taken as 0 to 1", one_line(path), least, greatest)
+    return found if score is None else found.above(score)
+
+
+def tracker_without_descriptors(
+    path: Path, config: TrackerConfig, match_threshold: float | None, *, explain: bool = False
+) -> Tracker:
+    """A tracker with these settings.
+
+    Raises:
+        ConfigError: it cannot do without descriptors.
+    """
+    if isinstance(config, PaperConfig):
+        message = "has no descriptors, which tracker 'paper' needs; take --tracker default"
+        raise ConfigError(f"{one_line(path)}: {message}")
+    if match_threshold is not None:
+        raise ConfigError(
+            f"{one_line(path)}: has no descriptors for --match-threshold to be held against; leave it out"
+        )
+    return Tracker(config, explain=explain)
+
+
+def warn_of_other_frames(detections: DetectionFile, last_index: int | None, is_whole: bool) -> None:
+    """Says that the file and the video end with different frames.
+
+    Args:
+        detections: the file.
+        last_index: of the last frame that was tracked, from 0; None without any.
+        is_whole: whether the video was read to its end.
+    """
+    last = detections.last_frame
+    if last_index is None:
+        return
+    shown = one_line(detections.path)
+    if last is None:
+        log.warning("%s: holds no detections", shown)
+    elif last < last_index:
+        log.warning("%s: ends with frame %d; none are found in the frames up to %d", shown, last + 1, last_index + 1)
+    elif last > last_index and is_whole:
+        log.warning("%s: goes on to frame %d, but the video ends with frame %d", shown, last + 1, last_index + 1)

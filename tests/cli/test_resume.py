@@ -1,0 +1,140 @@
+"""`lookonce track --resume`: after Ctrl-C or a kill the results are those of a run that never stopped."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cli.test_commands import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
+from lookonce.output import CHECKPOINT_FILE, read_checkpoint
+from squares import write_clip
+
+FILES = ("tracks.txt", "tracks.jsonl", "explain.jsonl")
+
+
+@pytest.fixture(scope="module")
+def long_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_clip(tmp_path_factory.mktemp("long") / "long.mp4", frames=2500)
+
+
+@pytest.fixture(scope="module")
+def unbroken(long_clip: Path, square_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a run that never stops leaves."""
+    out = tmp_path_factory.mktemp("unbroken")
+    result = lookonce(*_command(long_clip, square_model, out))
+    assert result.returncode == 0, result.stderr
+    assert not (out / CHECKPOINT_FILE).exists()
+    assert not list(out.glob("*.state"))
+    return out
+
+
+def _command(clip: Path, model: Path, out: Path, *more: str) -> list[str]:
+    return ["track", str(clip), "-m", str(model), "--no-video", "--explain", "-o", str(out), *more]
+
+
+def _stop(command: list[str], out: Path, how: signal.Signals, is_ready) -> None:
+    with subprocess.Popen([*INTERRUPTIBLE, *command], env=PLAIN, stdout=-1, stderr=-1) as process:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not is_ready():
+            time.sleep(0.01)
+        process.send_signal(how)
+        process.communicate(timeout=60)
+    assert process.returncode not in (0, 1)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_after_ctrl_c_the_rest_gives_the_same_bytes(long_clip, square_model, unbroken, tmp_path) -> None:
+    results = tmp_path / "tracks.jsonl"
+    command = _command(long_clip, square_model, tmp_path)
+    _stop(command, tmp_path, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 60_000)
+    kept = read_checkpoint(tmp_path)
+    assert kept is not None
+    assert kept.frame == json.loads(results.read_text().splitlines()[-1])["frame"] < 2499
+    assert_one_line(lookonce(*command), 1, "exists from an earlier run")
+    again = lookonce(*command, "--resume")
+    assert again.returncode == 0, again.stderr
+    assert f"going on after frame {kept.frame + 1}" in again.stdout
+    for name in FILES:
+        assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+    assert_one_line(lookonce(*command, "--resume"), 1, "complete")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")
+def test_after_a_kill_it_goes_on_from_the_last_checkpoint(long_clip, square_model, unbroken, tmp_path) -> None:
+    script = (
+        "import lookonce.output.checkpoint as checkpoint; checkpoint._EVERY_S = 0.05;"
+        "from lookonce.cli.app import main; main()"
+    )
+    command = [sys.executable, "-c", script, *_command(long_clip, square_model, tmp_path)]
+    results = tmp_path / "tracks.jsonl"
+    with subprocess.Popen(command, env=PLAIN, stdout=-1, stderr=-1) as process:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not (results.exists() and results.stat().st_size > 60_000):
+            time.sleep(0.01)
+        process.kill()
+        process.communicate(timeout=60)
+    kept = read_checkpoint(tmp_path)
+    assert kept is not None
+    with results.open("ab") as file:
+        file.write(b'{"frame": half a line')  # what a crash may leave
+    assert lookonce(*_command(long_clip, square_model, tmp_path), "--resume").returncode == 0
+    for name in FILES:
+        assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
+
+
+def _stopped(long_clip: Path, square_model: Path, out: Path) -> list[str]:
+    command = _command(long_clip, square_model, out)
+    results = out / "tracks.jsonl"
+    _stop(command, out, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 30_000)
+    return command
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_what_cannot_be_gone_on_with_is_one_line_and_nothing_is_lost(long_clip, square_model, tmp_path) -> None:
+    command = _stopped(long_clip, square_model, tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert_one_line(lookonce(*command, "--resume", "--score", "0.3"), 1, "other settings (score)")
+    (tmp_path / CHECKPOINT_FILE).write_text("{}")
+    assert_one_line(lookonce(*command, "--resume"), 1, CHECKPOINT_FILE)
+    record = json.loads(before[CHECKPOINT_FILE])
+    (tmp_path / CHECKPOINT_FILE).write_text(json.dumps(record | {"state": "../elsewhere.state"}))
+    assert_one_line(lookonce(*command, "--resume"), 1, "outside the folder")
+    (tmp_path / CHECKPOINT_FILE).write_bytes(before[CHECKPOINT_FILE])
+    (tmp_path / record["state"]).write_bytes(b"cut")
+    assert_one_line(lookonce(*command, "--resume"), 1, record["state"])
+    (tmp_path / record["state"]).write_bytes(before[record["state"]])
+    (tmp_path / "tracks.txt").write_bytes(b"")
+    assert_one_line(lookonce(*command, "--resume"), 1, "tracks.txt")
+    (tmp_path / "tracks.txt").write_bytes(before["tracks.txt"])
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert lookonce(*command, "--overwrite").returncode == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+
+
+def test_resume_without_an_earlier_run_starts(square_clip: Path, square_model: Path, tmp_path: Path) -> None:
+    assert lookonce(*_command(square_clip, square_model, tmp_path / "out"), "--resume").returncode == 0
+    assert lookonce(*_command(square_clip, square_model, tmp_path), "--resume", "--overwrite").returncode == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_the_rest_of_the_video_goes_to_a_second_file(long_clip, square_model, tmp_path) -> None:
+    import av
+
+    command = [one for one in _command(long_clip, square_model, tmp_path) if one not in ("--no-video", "--explain")]
+    results = tmp_path / "tracks.jsonl"
+    _stop(command, tmp_path, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 30_000)
+    kept = read_checkpoint(tmp_path)
+    assert kept is not None
+    assert lookonce(*command, "--resume").returncode == 0
+    frames = []
+    for name in ("annotated.mp4", f"annotated-from-{kept.frame + 1}.mp4"):
+        with av.open(str(tmp_path / name)) as container:
+            frames.append(sum(1 for _ in container.decode(video=0)))
+    assert frames == [kept.frame + 1, 2499 - kept.frame]

@@ -1,0 +1,151 @@
+"""When an object is taken as real, its class by vote, and its rows kept aligned."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from lookonce.errors import ConfigError
+from lookonce.structures import NO_ID
+from lookonce.tracking import EvidenceConfig, MotionConfig
+from lookonce.tracking.motion import Motions
+from lookonce.tracking.objects import Objects
+
+EVIDENCE = EvidenceConfig()
+ONE = np.zeros(1, np.int64)
+
+
+def _begin(count=1, scores=0.5, labels=0):
+    states = np.tile([[100.0, 50.0, np.log(20), np.log(40)]], (count, 1))
+    numbers = np.arange(count)
+    return Objects.begin(
+        numbers, numbers + 10, np.full(count, labels), np.full(count, scores), states, 0.0, MotionConfig()
+    )
+
+
+def _see(objects, score=0.5, label=0, now_s=0.04, place=None, evidence=EVIDENCE):
+    if place is not None:
+        objects.motions.place[0] = place
+    objects.see_(ONE, np.array([label]), np.array([score]), now_s, evidence)
+
+
+def test_new_object_is_not_real_yet():
+    objects = _begin(3, scores=1.0)
+    assert objects.is_real.tolist() == [False] * 3
+    assert objects.ids.tolist() == [NO_ID] * 3
+    assert objects.hits.tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(("second", "is_real"), [(0.89, False), (0.91, True)])
+def test_seen_twice_with_enough_score_is_real(second, is_real):
+    """A mean of 0.7 is enough: 0.5 and 0.9."""
+    objects = _begin(scores=0.5)
+    _see(objects, second)
+    assert objects.is_real[0] == is_real
+
+
+def test_one_good_sight_is_not_enough():
+    objects = _begin(scores=1.0)
+    assert not objects.is_real[0]
+    objects = _begin(scores=1.0)
+    _see(objects, 1.0, evidence=replace(EVIDENCE, hits=3))
+    assert not objects.is_real[0]
+    _see(objects, 1.0, now_s=0.08, evidence=replace(EVIDENCE, hits=3))
+    assert objects.is_real[0]
+
+
+def test_mean_is_of_about_the_last_three():
+    objects = _begin(scores=0.0)
+    for number, score in enumerate([0.6, 0.6, 0.9]):
+        _see(objects, score, now_s=0.04 * (number + 1))
+    # 0, then (0 + 0.6) / 2 = 0.3, then 0.3 + 0.3 / 3 = 0.4, then 0.4 + 0.5 / 3
+    assert objects.score_mean[0] == pytest.approx(0.4 + 0.5 / 3)
+
+
+def test_score_that_was_high_once_is_remembered_and_fades():
+    objects = _begin(scores=1.0)
+    _see(objects, 1.0)
+    for number in range(2, 20):
+        _see(objects, 0.2, now_s=0.04 * number)
+    assert objects.is_real[0]
+    assert objects.score_mean[0] < 0.25
+    _see(objects, 0.2, now_s=5.0)
+    assert not objects.is_real[0]
+
+
+def test_two_travels_make_real_whatever_the_score_until_they_are_long_ago():
+    """A travel is half the square root of the area: 14 px for a box of 20 by 40."""
+    objects = _begin(scores=0.2)
+    _see(objects, 0.2, now_s=0.1, place=[113.0, 50.0])
+    assert objects.travels[0] == 0
+    _see(objects, 0.2, now_s=0.2, place=[115.0, 50.0])
+    assert (objects.travels[0], objects.is_real[0]) == (1, False)
+    _see(objects, 0.2, now_s=0.3, place=[115.0, 65.0])
+    assert (objects.travels[0], objects.is_real[0]) == (2, True)
+    _see(objects, 0.2, now_s=3.2, place=[115.0, 65.0])
+    assert objects.is_real[0]
+    _see(objects, 0.2, now_s=3.4, place=[115.0, 65.0])
+    assert not objects.is_real[0]
+    _see(objects, 0.2, now_s=3.5, place=[130.0, 65.0])
+    assert objects.is_real[0]
+
+
+def test_trembling_about_a_place_is_no_travel():
+    objects = _begin(scores=0.2)
+    for number in range(1, 50):
+        _see(objects, 0.2, now_s=0.04 * number, place=[100.0 + 12 * (-1) ** number, 50.0])
+    assert objects.travels[0] == 0
+
+
+def test_class_is_the_one_with_most_score_behind_it():
+    objects = _begin(scores=0.75, labels=2)
+    _see(objects, 0.5, label=7)
+    assert (objects.labels[0], objects.votes[0]) == (2, 0.25)
+    _see(objects, 0.5, label=7)
+    assert (objects.labels[0], objects.votes[0]) == (7, 0.25)
+    _see(objects, 0.25, label=2)  # exactly as much: the class stays
+    assert (objects.labels[0], objects.votes[0]) == (7, 0.0)
+
+
+def test_class_seen_for_hours_is_outvoted_in_time():
+    """The lead is bounded: ten of score, not hours of it."""
+    objects = _begin(scores=1.0, labels=2)
+    for _ in range(1000):
+        _see(objects, 1.0, label=2)
+    for _ in range(10):
+        _see(objects, 1.0, label=7)
+    assert objects.labels[0] == 2
+    _see(objects, 1.0, label=7)
+    assert objects.labels[0] == 7
+
+
+@pytest.mark.parametrize("label", [-(2**63), -1, 2**63 - 1])
+def test_labels_may_be_any_number(label):
+    objects = _begin(labels=label)
+    _see(objects, label=label)
+    assert objects.labels[0] == label
+
+
+def test_parts_and_joins_keep_all_arrays_aligned():
+    objects = _begin(4)
+    objects.motions.place[:, 0] = np.arange(4)
+    objects.ids[:] = [5, 6, 7, 8]
+    part = objects.part(np.array([False, True, False, True]))
+    assert len(part) == 2
+    assert (part.ids.tolist(), part.slots.tolist(), part.motions.place[:, 0].tolist()) == ([6, 8], [11, 13], [1, 3])
+    joined = part.joined(objects)
+    assert joined.ids.tolist() == [6, 8, 5, 6, 7, 8]
+    for whole in (objects, part, joined):
+        for holder, names in ((whole, fields(Objects)), (whole.motions, fields(Motions))):
+            lengths = {len(getattr(holder, field.name)) for field in names if field.name != "motions"}
+            assert lengths == {len(whole)}
+    part.ids[0] = 99
+    assert objects.ids.tolist() == [5, 6, 7, 8]
+
+
+@pytest.mark.parametrize(("name", "value"), [("hits", 0), ("score_memory_s", 0.0), ("score", -0.1)])
+def test_impossible_settings_are_refused(name, value):
+    with pytest.raises(ConfigError, match=name):
+        EvidenceConfig(**{name: value})
