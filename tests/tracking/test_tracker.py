@@ -22,7 +22,8 @@ def _rows(count, dtype=np.float64):
 def test_preset_is_chosen_by_name_or_settings():
     assert Tracker().config == Tracker("default").config == PRESETS["default"]() == DefaultConfig()
     assert Tracker("paper").config == PRESETS["paper"]() == PaperConfig()
-    assert Tracker("iou").config == DefaultConfig(appearance=False)
+    assert Tracker("iou").config == PRESETS["iou"]()
+    assert not Tracker("iou").config.appearance
     assert Tracker(PaperConfig(0.5)).config.match_threshold == 0.5
     with pytest.raises(ConfigError, match="tracker 'papper': expected one of default, iou, paper"):
         Tracker("papper")

@@ -16,7 +16,7 @@ _MOST_VIEWS = 32  # each takes a kilobyte of every object at 128 values
 
 @dataclass(frozen=True, slots=True)
 class DefaultConfig:
-    """Settings of the preset ``default``; the preset ``iou`` is the same with ``appearance`` off.
+    """Settings of the preset ``default``; the preset ``iou`` is nearly the same, with ``appearance`` off.
 
     Found on PETS09-S2L1 and a highway clip at one to eight frames' distance, where wide ranges of each give nearly the
     same (`docs/log.md`). "box" is the height of an object's box.
@@ -54,12 +54,12 @@ class DefaultConfig:
 
     appearance: bool = True
     match_threshold: float = 0.7
-    appearance_weight: float = 3.0
+    appearance_weight: float = 5.0
     appearance_limit: float = 3.0
     low_score: float = 0.1
     birth_score: float = 0.2
-    high_score: float = 0.4
-    low_overlap: float = 0.4
+    high_score: float = 0.3
+    low_overlap: float = 0.3
     low_score_s: float = 0.3
     safe_overlap: float = 0.5
     same_overlap: float = 0.6
@@ -72,7 +72,7 @@ class DefaultConfig:
     views: int = 4
     view_apart: float = 0.5
     view_interval_s: float = 0.25
-    clean_overlap: float = 0.4
+    clean_overlap: float = 0.25
     hidden_overlap: float = 0.2
     hidden_s: float = 3.0
     given_back_rows: int = 256
@@ -89,5 +89,5 @@ class DefaultConfig:
 
 
 def iou_config() -> DefaultConfig:
-    """Settings of the preset ``iou``: overlap and motion only."""
-    return DefaultConfig(appearance=False)
+    """Settings of the preset ``iou``: overlap and motion only, and the size counts for more."""
+    return DefaultConfig(appearance=False, motion=MotionConfig(size_noise=0.3))

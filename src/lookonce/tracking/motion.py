@@ -38,7 +38,7 @@ class MotionConfig:
     """
 
     place_noise: float = 0.12
-    size_noise: float = 0.3
+    size_noise: float = 0.4
     acceleration: float = 0.25
     acceleration_share: float = 0.25
     new_speed: float = 2.0

@@ -28,6 +28,7 @@ _PRESET = "preset"
 _THRESHOLD = "match_threshold"
 _LINE = 110
 _SHOWN = 60
+_LONGEST_PATH = 4096
 _FIRST_LINES = "Settings of the tracker; what is left out keeps the preset's value."
 _THRESHOLD_LINE = "Named here, it goes before what the model file says."
 
@@ -84,15 +85,15 @@ def read_tracker_settings(path: Path) -> TrackerConfig:
 
 
 def _read(path: Path) -> ChosenTracker:
-    content = read_toml(path)
+    content, where = read_toml(path), _shown(str(path), _LONGEST_PATH)
     preset = content.pop(_PRESET, None)
     if not isinstance(preset, str) or preset not in PRESETS:
         known = ", ".join(f'"{name}"' for name in PRESETS)
         near = difflib.get_close_matches(preset, PRESETS, n=1) if isinstance(preset, str) else []
         hint = f"did you mean {near[0]}?" if near else f"expected {_PRESET} = one of {known}"
         what = "is missing" if preset is None else f"= {_shown(str(preset))}"
-        raise ConfigError(f"{path}: {_PRESET} {what}; {hint}")
-    return ChosenTracker(_changed(str(path), PRESETS[preset](), content), _THRESHOLD in content)
+        raise ConfigError(f"{where}: {_PRESET} {what}; {hint}")
+    return ChosenTracker(_changed(where, PRESETS[preset](), content), _THRESHOLD in content)
 
 
 def change_tracker_settings(config: TrackerConfig, changes: Sequence[str]) -> TrackerConfig:
@@ -223,5 +224,5 @@ def _meanings(settings: type) -> dict[str, str]:
     return {name: meaning.replace("``", "`") for name, meaning in found.items()}
 
 
-def _shown(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text[:_SHOWN])
+def _shown(text: str, length: int = _SHOWN) -> str:
+    return "".join(c if c.isprintable() else " " for c in text[:length])
