@@ -25,7 +25,7 @@ from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.explaining import Notes, tell
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
-from lookonce.tracking.objects import Objects
+from lookonce.tracking.objects import MovingScores, Objects
 from lookonce.tracking.overlapping import keep_best, overlaps_of
 
 __all__ = ["DefaultRule"]
@@ -59,6 +59,7 @@ class DefaultRule:
         self.frame = -1
         self.now_s = 0.0
         self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
+        self.moving = MovingScores()
         self.clock_faults = 0
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
@@ -259,7 +260,7 @@ class DefaultRule:
             fast = seen[jumped]
             objects.motions.widen_(fast, self.now_s - objects.seen_s[fast], self.config.motion)
         objects.motions.correct_(seen, frame.states[rows], self.config.motion)
-        objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence)
+        objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence, self.moving)
         if frame.looks is not None:
             self.looks.remember(objects.slots[seen], frame.looks.part(rows), is_clean[rows], self.now_s)
         confirmed = np.flatnonzero(objects.is_real & (objects.ids == NO_ID))

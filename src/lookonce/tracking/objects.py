@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -11,8 +12,10 @@ from lookonce.config import check_numbers
 from lookonce.structures import NO_ID
 from lookonce.tracking.motion import MotionConfig, Motions
 
-__all__ = ["EvidenceConfig", "Objects"]
+__all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 
+_REMEMBERED = 5000  # scores
+_CONVINCING = 200  # so many scores of moving objects say what is usual
 _MOST_VOTES = 10.0  # a class that has been seen for long is outvoted after so much score for another
 
 
@@ -22,7 +25,9 @@ class EvidenceConfig:
 
     Attributes:
         hits: seen at least so often.
-        score: a mean score (of about the last three) that is enough, 0 to 1.
+        score: a mean score (of about the last three) that is enough, 0 to 1. It is the most that is asked: once objects
+            are on their way, what stands still needs no more than the lower scores among theirs.
+        least_score: but never less than this.
         score_memory_s: how long such a score is remembered, fading with this time constant, s.
         travel: one travel is a way of so many box sizes (square root of the area).
         travels: so many travels are enough, whatever the score.
@@ -31,6 +36,7 @@ class EvidenceConfig:
 
     hits: int = 2
     score: float = 0.7
+    least_score: float = 0.45
     score_memory_s: float = 3.0
     travel: float = 0.5
     travels: int = 2
@@ -38,6 +44,33 @@ class EvidenceConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, above_zero=("hits", "score_memory_s"))
+
+
+class MovingScores:
+    """Running mean and deviation of the scores of objects on their way, which are real whatever their score.
+
+    Detectors differ in how sure they are. What stands still is compared with what moves in the same picture.
+    """
+
+    def __init__(self) -> None:
+        self.count = self.mean = self.squares = 0.0  # squares: mean of squared differences
+
+    def add(self, scores: NDArray[np.float64]) -> None:
+        """More scores (M,); old ones fade after some thousands."""
+        if not len(scores):
+            return
+        self.count = min(self.count + len(scores), _REMEMBERED)
+        weight = min(1.0, len(scores) / self.count)
+        change = float(scores.mean()) - self.mean
+        spread = float(scores.var()) + (1 - weight) * change**2
+        self.mean += weight * change
+        self.squares += weight * (spread - self.squares)
+
+    def enough(self, config: EvidenceConfig) -> float:
+        """The score from which on an object is believed that does not move."""
+        usual = min(config.score, max(config.least_score, self.mean - math.sqrt(max(self.squares, 0.0))))
+        trust = min(1.0, self.count / _CONVINCING)
+        return config.score + trust * (usual - config.score)
 
 
 @dataclass(slots=True)
@@ -124,8 +157,9 @@ class Objects:
         scores: NDArray[np.float64],
         now_s: float,
         config: EvidenceConfig,
+        moving: MovingScores,
     ) -> None:
-        """Changes ``objects`` (M,) by what was seen of them; places are corrected before."""
+        """Changes ``objects`` (M,) and ``moving`` by what was seen of them; places are corrected before."""
         fading = np.exp((self.seen_s[objects] - now_s) / config.score_memory_s)
         self.hits[objects] += 1
         self.seen_s[objects] = now_s
@@ -138,7 +172,8 @@ class Objects:
         is_moving = (self.travels[objects] >= config.travels) & (
             now_s - self.travel_s[objects] <= config.travel_memory_s
         )
-        self.is_real[objects] = has_enough & ((self.score_peak[objects] >= config.score) | is_moving)
+        moving.add(scores[is_moving])
+        self.is_real[objects] = has_enough & ((self.score_peak[objects] >= moving.enough(config)) | is_moving)
         self._vote_(objects, labels, scores)
 
     def _travel_(self, objects: NDArray[np.int64], now_s: float, config: EvidenceConfig) -> None:

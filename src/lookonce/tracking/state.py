@@ -55,7 +55,7 @@ _LOOKS: dict[str, type] = {
     "view_s": np.float64,
 }
 _WAITING: dict[str, type] = {"waiting": np.int64, "waiting_xyxy": np.float32, "waiting_scores": np.float32}
-_DEFAULT: dict[str, type] = {"extent": np.float64} | _MOTIONS | _OBJECTS | _LOOKS | _WAITING
+_DEFAULT: dict[str, type] = {"extent": np.float64, "moving": np.float64} | _MOTIONS | _OBJECTS | _LOOKS | _WAITING
 _PAPER: dict[str, type] = {
     "paper_ids": np.int64,
     "paper_seen": np.int64,
@@ -121,7 +121,8 @@ def _count(about: dict[str, Any], name: str, least: int = 0) -> int:
 
 def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     objects, looks, slots = rule.objects, rule.looks, rule.objects.slots
-    arrays: dict[str, NDArray[Any]] = {"extent": rule.extent}
+    moving = np.array([rule.moving.count, rule.moving.mean, rule.moving.squares])
+    arrays: dict[str, NDArray[Any]] = {"extent": rule.extent, "moving": moving}
     arrays |= {name: getattr(objects, name) for name in _OBJECTS}
     arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
     arrays |= {name: getattr(looks, name)[slots] for name in _LOOKS}
@@ -144,13 +145,14 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     two = {"place", "velocity", "log_size"}
     shapes: dict[str, tuple[int, ...]] = {name: (count, 2) if name == "anchor" else (count,) for name in _OBJECTS}
     shapes |= {name: (count, 2) if name.removeprefix("motion_") in two else (count,) for name in _MOTIONS}
-    _check(arrays, shapes | {"extent": (4,)}, may_be_infinite=("extent", "travel_s"))
+    _check(arrays, shapes | {"extent": (4,), "moving": (3,)}, may_be_infinite=("extent", "travel_s"))
     if (np.diff(arrays["serials"]) <= 0).any() or (arrays["serials"] >= rule.next_serial).any():
         raise ValueError("serials: expected rising numbers that were given out")
     known = arrays["ids"][arrays["ids"] != NO_ID]
     if len(np.unique(known)) < len(known) or (known < 1).any() or (known >= rule.next_id).any():
         raise ValueError("ids: expected each once, from those that were given out")
     rule.extent = arrays["extent"]
+    rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
     _restore_looks(rule, about["size"], arrays, count)
     motions = Motions(*(arrays[f"motion_{item.name}"] for item in fields(Motions)))
     own = {name: arrays[name] for name in _OBJECTS}

@@ -1,0 +1,129 @@
+"""What is compared on: sequences with truth, and the detections that every tracker gets."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lookonce.cli.evaluated_truth import TrueSequence
+from lookonce.cli.stages import StageScreen
+from lookonce.compare.contenders.registry import PLAIN_SCORE
+from lookonce.compare.crops import CropDescriber, describe_crops
+from lookonce.compare.detecting import detect_sequence, detections_file
+from lookonce.compare.detection_files import find_detection_file, read_detection_file
+from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
+from lookonce.datasets import usual_name
+from lookonce.errors import ConfigError
+from lookonce.model import Model
+from lookonce.video.opening import one_line
+
+__all__ = ["DetectionSource", "Scene", "gather", "labels_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionSource:
+    """Where detections come from: a model, or files that others have made.
+
+    Attributes:
+        model: finds them; None = they are in files.
+        files: a file, or a folder with one for each sequence; None = from the model.
+        crops: a second network for descriptors; None = there is none.
+        labels: of the model's classes that are kept; empty = all.
+        fps: of folders of pictures and of files; None = as the sequence says.
+        cache: the folder where detections are kept.
+        crops_from: boxes below this score are not described by the second network.
+    """
+
+    model: Model | None
+    files: Path | None
+    crops: CropDescriber | None
+    labels: tuple[int, ...]
+    fps: float | None
+    cache: Path
+    crops_from: float = PLAIN_SCORE
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A sequence with truth and detections.
+
+    Attributes:
+        true: the truth.
+        path: of the detections.
+        stored: the same.
+        crops_path: of the detections with descriptors of the second network; None = there is none.
+        crops: the same.
+    """
+
+    true: TrueSequence
+    path: Path
+    stored: StoredDetections
+    crops_path: Path | None = None
+    crops: StoredDetections | None = None
+
+
+def labels_of(model: Model, classes: Sequence[str]) -> tuple[int, ...]:
+    """The labels of the classes, by their usual names; none = all.
+
+    Raises:
+        ConfigError: the model finds none of them.
+    """
+    wanted = {usual_name(name) for name in classes}
+    labels = tuple(label for label, name in enumerate(model.names) if usual_name(name) in wanted)
+    if wanted and not labels:
+        known = ", ".join(model.names[:12])
+        raise ConfigError(f"{one_line(model.path)}: finds none of the classes {', '.join(classes)}; it has {known}")
+    return labels
+
+
+def gather(truth: Sequence[TrueSequence], source: DetectionSource, screen: StageScreen) -> list[Scene]:
+    """The detections of all sequences, found or read.
+
+    Raises:
+        LookonceError: pictures or files are missing or wrong.
+    """
+    return [
+        _from_file(sequence, source, source.files) if source.files else _from_model(sequence, source, screen)
+        for sequence in truth
+    ]
+
+
+def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path) -> Scene:
+    """Detections of a text file, kept in the form that trackers' processes read."""
+    text = find_detection_file(files, sequence.name)
+    count = int(sequence.truth.frames[-1]) + 1 if len(sequence.truth.frames) else None
+    found = read_detection_file(text, count, source.fps or sequence.fps)
+    path = source.cache / f"{sequence.name}-given.npz"
+    write_detections(path, StoredDetections(found))
+    return Scene(sequence, path, read_detections(path))
+
+
+def _from_model(sequence: TrueSequence, source: DetectionSource, screen: StageScreen) -> Scene:
+    assert source.model is not None
+    pictures, fps = sequence.pictures, source.fps or sequence.fps
+    if not os.path.exists(pictures):
+        raise ConfigError(f"{one_line(pictures)}: no pictures to look at; put them there, or name --frames")
+    if pictures.is_file():
+        fps = None  # a video has its own clock
+    path = detections_file(source.cache, sequence.name, pictures, source.model, fps)
+
+    def report(stage: str, done: int, total: int | None) -> None:
+        screen.stage(f"{stage} {sequence.name}", done, total, "frames")
+
+    stored = detect_sequence(path, pictures, source.model, fps, lambda done, total: report("detect", done, total))
+    if source.crops is None:
+        return Scene(sequence, path, stored)
+    key = f"{source.crops.sha256[:12]}-{source.crops_from:g}"
+    crops_path = path.with_name(f"{path.stem}-crops-{key}.npz")
+    crops = describe_crops(
+        crops_path,
+        stored,
+        pictures,
+        source.crops,
+        fps,
+        source.crops_from,
+        lambda done, total: report("describe", done, total),
+    )
+    return Scene(sequence, path, stored, crops_path, crops)

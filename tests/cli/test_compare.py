@@ -1,0 +1,278 @@
+"""`lookonce compare` as a person runs it: real files, run inside this process; trackers in processes of their own."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from lookonce.cli.app import app
+from lookonce.cli.compare_detrac import THRESHOLDS
+from lookonce.compare.contenders.registry import contenders
+from lookonce.errors import LookonceError
+from lookonce.make.darknet.importer import import_darknet
+from make.probing.labelled_squares import truth_lines, write_squares
+from squares import write_darknet
+from test_ua_detrac_recipe import HEIGHT, TEST, WIDTH, write_detrac
+
+FRAMES = 12
+OWN = "iou,kiou,lookonce-paper,oracle"
+
+
+def run(*arguments: object, command: str = "compare") -> Result:
+    return CliRunner(env={"COLUMNS": "200"}).invoke(app, [command, *map(str, arguments)])
+
+
+def done(*arguments: object, command: str = "compare") -> Result:
+    result = run(*arguments, command=command)
+    assert result.exit_code == 0, (result.stderr, result.exception)
+    return result
+
+
+def refusal(*arguments: object) -> str:
+    """The one line that a wrong input gets."""
+    error = run(*arguments).exception
+    assert isinstance(error, LookonceError), error
+    assert str(error).isprintable()
+    return str(error)
+
+
+def figures(path: Path, tracker: str, every: int = 1) -> dict[str, float]:
+    (row,) = (one for one in json.loads(path.read_text())["rows"] if (one["tracker"], one["every"]) == (tracker, every))
+    return row["figures"]
+
+
+@pytest.fixture
+def squares(tmp_path: Path) -> Path:
+    return write_squares(tmp_path / "squares", FRAMES)
+
+
+@pytest.fixture
+def det_file(tmp_path: Path) -> Path:
+    """The truth as others' detections, one of them missed and one of low score."""
+    lines = [line.split(",") for line in truth_lines(FRAMES)]
+    del lines[10]
+    rows = [
+        [frame, "-1", *box, "0.15" if number == 20 else "0.9"]
+        for number, (frame, _, *box, _, _, _, _) in enumerate(lines)
+    ]
+    path = tmp_path / "det.txt"
+    path.write_text("".join(",".join(row) + "\n" for row in rows))
+    return path
+
+
+def test_trackers_stand_side_by_side_at_every_frame_rate(tmp_path: Path, squares: Path, square_model: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ("--truth", squares, "-m", square_model, "--trackers", OWN, "--every", "1,3", "-o", out)
+    shown = done(*arguments, "--json", tmp_path / "all.json", "--csv", tmp_path / "all.csv").stdout
+    assert "protocol trackeval" in shown
+    assert "in detect" in shown  # the descriptors of one look
+    content = json.loads((tmp_path / "all.json").read_text())
+    assert [(row["every"], row["tracker"]) for row in content["rows"]] == [
+        (every, name) for every in (1, 3) for name in OWN.split(",")
+    ]
+    assert {"command", "machine", "versions", "model_sha256", "protocol"} <= content.keys()
+    assert figures(tmp_path / "all.json", "lookonce-paper")["idf1"] == 1  # colours do not change
+    assert figures(tmp_path / "all.json", "oracle", 3)["idf1"] == 1
+    assert figures(tmp_path / "all.json", "iou")["true_positives"] == 0  # squares jump by their own size
+    with (tmp_path / "all.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    assert float(rows[2]["detect_s"]) > 0
+    assert float(rows[2]["associate_s"]) > 0
+
+
+@pytest.mark.parametrize("protocol", ["trackeval", "detrac"])
+def test_eval_says_the_same_of_the_files(tmp_path: Path, squares: Path, square_model: Path, protocol: str) -> None:
+    out = tmp_path / "out"
+    done("--truth", squares, "-m", square_model, "--trackers", OWN, "-o", out, "--protocol", protocol)
+    for name in OWN.split(","):
+        results = out / "every-1" / name
+        again = tmp_path / f"{name}.json"
+        done(
+            "--truth",
+            squares,
+            "--results",
+            results,
+            "--missing-as-empty",
+            "--protocol",
+            protocol,
+            "--json",
+            again,
+            command="eval",
+        )
+        expected = json.loads(again.read_text())["runs"][0]["combined"]["figures"]
+        assert figures(out / "results.json", name) == expected
+
+
+def test_detections_are_found_once_and_kept(tmp_path: Path, squares: Path, square_model: Path) -> None:
+    arguments = ("--truth", squares, "-m", square_model, "--trackers", "lookonce-paper", "-o", tmp_path / "out")
+    done(*arguments)
+    (kept,) = (tmp_path / "out" / "detections").iterdir()
+    before = kept.stat().st_mtime_ns
+    done(*arguments, "--overwrite")
+    assert kept.stat().st_mtime_ns == before
+    done(*arguments, "--overwrite", "--score", "0.3")  # other detections
+    assert len(list(kept.parent.iterdir())) == 2
+
+
+def test_detections_of_others_leave_out_who_needs_descriptors(tmp_path: Path, squares: Path, det_file: Path) -> None:
+    out = tmp_path / "out"
+    shown = done("--truth", squares, "--detections", det_file, "--trackers", OWN, "-o", out).stdout
+    assert "lookonce paper: left out: the detections have no descriptors" in shown
+    content = {row["tracker"]: row for row in json.loads((out / "results.json").read_text())["rows"]}
+    assert content["lookonce-paper"]["figures"] is None
+    assert content["oracle"]["figures"]["misses"] == 1
+    assert content["oracle"]["figures"]["false_positives"] == 0
+    assert content["kiou"]["seconds_a_frame"]["detect_s"] == 0
+
+
+def test_missing_package_is_named_and_the_others_run(
+    tmp_path: Path, squares: Path, det_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name == "trackers" else find(name, *more)
+    )
+    out = tmp_path / "out"
+    shown = done("--truth", squares, "--detections", det_file, "--trackers", "sort,iou", "-o", out).stdout
+    assert "SORT: not installed: pip install trackers" in shown
+    content = {row["tracker"]: row for row in json.loads((out / "results.json").read_text())["rows"]}
+    assert content["sort"]["figures"] is None
+    assert content["iou"]["figures"] is not None
+
+
+def test_tracker_that_needs_too_long_is_named(
+    tmp_path: Path, squares: Path, det_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lookonce.compare.running.TrackerProcess._ask", _too_slow)
+    shown = done("--truth", squares, "--detections", det_file, "--trackers", "iou", "-o", tmp_path / "out").stdout
+    assert "IOU: squares: over 300 s" in shown
+
+
+def _too_slow(self: object, job: object) -> object:
+    from lookonce.compare.jobs import Answer
+
+    return Answer(error="over 300 s")
+
+
+def test_markdown_names_what_made_it_and_published_rows(tmp_path: Path, squares: Path, det_file: Path) -> None:
+    arguments = ("--truth", squares, "--detections", det_file, "--trackers", "iou", "-o", tmp_path / "out")
+    shown = done(*arguments, "--markdown", "--published").stdout
+    assert "| tracker | from score | MOTA |" in shown
+    assert all(f"- {name}: `" in shown for name in ("command", "machine", "versions"))
+    assert "| EB | KIOU | 62.1 | 81.9 |" in shown
+    assert "| the published method | 207.6 |" in shown
+    assert shown.count("as published, not made here") == 3
+    assert "as published" not in done(*arguments, "--overwrite").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        pytest.param(["--score", "0.2"], "--truth", id="nothing"),
+        pytest.param(["--truth", "a", "--ua-detrac", "b"], "--truth", id="both"),
+        pytest.param(["--truth", "a", "--trackers", "sorrt"], "no tracker 'sorrt'", id="tracker"),
+        pytest.param(["--truth", "a", "--every", "1,1"], "--every", id="every"),
+        pytest.param(["--truth", "a", "--every", "0"], "--every", id="every-0"),
+        pytest.param(["--truth", "a", "--protocol", "x"], "--protocol", id="protocol"),
+        pytest.param(["--ua-detrac", "a", "--every", "2"], "--every", id="every-detrac"),
+        pytest.param(["--ua-detrac", "nowhere"], "DETRAC-Test-Annotations-XML", id="no-annotations"),
+        pytest.param(["--truth", "nowhere"], "no such folder", id="no-truth"),
+        pytest.param(["--truth", "a", "--columns", "PR"], "unknown column", id="column"),
+    ],
+)
+def test_wrong_arguments_get_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert expected in refusal(*arguments)
+
+
+def test_earlier_results_are_not_replaced_unasked(tmp_path: Path, squares: Path, det_file: Path) -> None:
+    arguments = ("--truth", squares, "--detections", det_file, "--trackers", "iou", "-o", tmp_path / "out")
+    done(*arguments)
+    assert "--overwrite" in refusal(*arguments)
+    assert "no such file" in refusal(*arguments, "--overwrite", "--detections", tmp_path / "absent.txt")
+    assert "--classes go with a model" in refusal(*arguments, "--overwrite", "--classes", "red")
+
+
+def test_trackers_are_all_taken_without_a_choice() -> None:
+    names = list(contenders())
+    assert names[:3] == ["gog", "iou", "kiou"]
+    assert {"jpda", "mht", "sort", "bytetrack", "ocsort", "botsort", "cbiou", "visualsort", "crops"} < set(names)
+
+
+@pytest.fixture(scope="module")
+def detrac(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """UA-DETRAC's folders with drawn squares, and a detector for them."""
+    folder = tmp_path_factory.mktemp("detrac")
+    write_detrac(folder / "DETRAC")
+    cfg, weights, names = write_darknet(folder)
+    import_darknet(cfg, weights, folder / "model.onnx", names=names, size=(HEIGHT, WIDTH))
+    return folder
+
+
+def test_whole_experiment_of_ua_detrac(detrac: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shown = done("--ua-detrac", detrac / "DETRAC", "-m", detrac / "model.onnx", "--trackers", OWN, "-o", out).stdout
+    for text in ("PR-MOTA", "table 1", "table 2", "the published method", "as published", "made here", "EB + KIOU"):
+        assert text in shown
+    folders = [f"{threshold:.1f}" for threshold in THRESHOLDS]
+    for name in (*OWN.split(","), "detector"):
+        assert sorted(path.name for path in (out / name).iterdir()) == sorted(folders)
+        assert sorted(path.name for path in (out / name / "0.0").iterdir()) == [f"{one}.txt" for one in TEST]
+    curve = np.loadtxt(out / "detection_PR.txt")
+    assert curve.shape == (11, 2)
+    assert ((curve >= 0) & (curve <= 1)).all()
+    # `lookonce eval` gives the same figures of the folders
+    again = tmp_path / "again.json"
+    xml = detrac / "DETRAC" / "DETRAC-Test-Annotations-XML"
+    pr = ("--detector-pr", out / "detection_PR.txt", "--protocol", "detrac", "--missing-as-empty")
+    done("--truth", xml, "--results", out / "lookonce-paper", *pr, "--json", again, command="eval")
+    expected = json.loads(again.read_text())
+    rows = [row for row in json.loads((out / "results.json").read_text())["rows"] if row["tracker"] == "lookonce-paper"]
+    (best,) = (row for row in rows if row["pr"] is not None)
+    assert best["pr"] == expected["pr"]["figures"]
+    by_threshold = {f"{row['threshold']:.1f}": row["figures"] for row in rows if row["pr"] is None}
+    assert by_threshold == {one["name"]: one["combined"]["figures"] for one in expected["runs"]}
+    assert best["figures"]["mota"] == max(one["mota"] for one in by_threshold.values())
+
+
+def test_ua_detrac_with_published_detections(detrac: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "EB"
+    folder.mkdir()
+    for name in TEST:
+        (folder / f"{name}_Det_EB.txt").write_text("".join(f"{n},1,{8 * n},80,8,8,0.{n % 10}5\n" for n in range(1, 21)))
+    out = tmp_path / "out"
+    shown = done("--ua-detrac", detrac / "DETRAC", "--detections", folder, "--trackers", OWN, "-o", out).stdout
+    assert "lookonce paper: left out: the detections have no descriptors" in shown
+    assert len(np.loadtxt(out / "detection_PR.txt")) == 11
+
+
+def test_tracker_too_slow_for_many_detections_is_ranked_by_the_rest(
+    detrac: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lookonce.compare.jobs import Answer, Job
+    from lookonce.compare.running import TrackerProcess
+
+    ask = TrackerProcess._ask
+
+    def slow(self: TrackerProcess, job: Job) -> Answer:
+        return Answer(error="over 300 s") if job.min_score < 0.2 else ask(self, job)
+
+    monkeypatch.setattr(TrackerProcess, "_ask", slow)
+    out = tmp_path / "out"
+    arguments = ("-m", detrac / "model.onnx", "--trackers", "lookonce-paper", "-o", out)
+    shown = done("--ua-detrac", detrac / "DETRAC", *arguments).stdout
+    assert f"lookonce paper: {TEST[0]}: over 300 s (threshold 0.0, threshold 0.1)" in shown
+    rows = json.loads((out / "results.json").read_text())["rows"]
+    assert [row["threshold"] for row in rows if row["figures"] is None] == [0.0, 0.1]
+    assert all(row["pr"] is None for row in rows)
+    (line,) = (line for line in shown.splitlines() if "made here" in line and line.split()[-1] == "-")
+    assert "lookonce paper" in line
