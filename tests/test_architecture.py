@@ -81,7 +81,7 @@ ROOMS["make.crops"] = (
 ROOMS["cli"][0].update({"compare", "make.crops"})
 # a tracker's settings searched on detections at hand
 ROOMS["tuning"] = (
-    {*LEAVES, "compare", "datasets", "evaluation", "model", "pipeline", "tracking", "video"},
+    {*LEAVES, "camera", "compare", "evaluation", "tracking", "video"},
     {"numpy", "optuna"},
 )
 ROOMS["cli"][0].add("tuning")

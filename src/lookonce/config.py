@@ -16,6 +16,7 @@ from lookonce.errors import ConfigError, FormatError
 __all__ = ["check_numbers", "check_settings", "read_settings", "read_toml", "setting_types"]
 
 _MAX_BYTES = 1 << 20
+_LONGEST_PATH = 4096
 _IN_WORDS = {int: "a whole number", float: "a number", str: "a text in quotes", bool: "true or false"}
 
 
@@ -52,7 +53,7 @@ def read_settings(path: Path, settings: type) -> dict[str, Any]:
         ConfigError: the file cannot be read, or names or types are wrong; the nearest name is told.
         FormatError: it is not TOML.
     """
-    return check_settings(str(path), read_toml(path), settings)
+    return check_settings(_shown(str(path), _LONGEST_PATH), read_toml(path), settings)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -62,19 +63,20 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: the file cannot be read or is large.
         FormatError: it is not TOML.
     """
+    where = _shown(str(path), _LONGEST_PATH)
     try:
         with open(path, "rb") as file:
             data = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as exc:  # ValueError: a zero byte in the path
-        raise ConfigError(f"{path}: cannot read the settings ({_reason(exc)}); check the path") from exc
+        raise ConfigError(f"{where}: cannot read the settings ({_reason(exc)}); check the path") from exc
     if len(data) > _MAX_BYTES:
-        raise ConfigError(f"{path}: larger than {_MAX_BYTES} bytes; expected a few lines of TOML")
+        raise ConfigError(f"{where}: larger than {_MAX_BYTES} bytes; expected a few lines of TOML")
     try:
         return tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as exc:
-        raise ConfigError(f"{path}: not text; expected TOML such as: seed = 1") from exc
+        raise ConfigError(f"{where}: not text; expected TOML such as: seed = 1") from exc
     except (ValueError, RecursionError) as exc:  # not TOMLDecodeError: a number may have too many digits
-        raise FormatError(path, 0, f"not TOML ({_shown(exc, 200)}); expected lines such as: seed = 1") from exc
+        raise FormatError(where, 0, f"not TOML ({_shown(exc, 200)}); expected lines such as: seed = 1") from exc
 
 
 def setting_types(settings: type) -> dict[str, type]:

@@ -14,12 +14,27 @@ from tracking.scenes import at_angle
 
 LEFT, RIGHT = (100.0, 100.0), (400.0, 100.0)
 ONE, OTHER = at_angle(0)[0], at_angle(90)[0]
+CONFIG = DefaultConfig(  # the scenes are made for these numbers, whatever the defaults are tuned to
+    appearance_weight=3.0,
+    low_score=0.1,
+    birth_score=0.2,
+    high_score=0.4,
+    low_overlap=0.4,
+    clean_overlap=0.4,
+    memory_s=8.0,
+    motion=MotionConfig(place_noise=0.12, size_noise=0.3),
+)
+BOXES = replace(CONFIG, appearance=False)
 
 _MEMORY = pytest.mark.xfail(strict=True, reason="the memory is looked at only at the end of a frame")
 
 
-def _last(frames, preset="default", times=None):
-    return ids_of(frames, preset, times)[-1]
+def _ids(frames, preset=CONFIG, times=None):
+    return ids_of(frames, preset, times)
+
+
+def _last(frames, preset=CONFIG, times=None):
+    return _ids(frames, preset, times)[-1]
 
 
 def _moving(frames, speed=4.0, start=LEFT, **fields):
@@ -32,13 +47,13 @@ def _moving(frames, speed=4.0, start=LEFT, **fields):
 
 @pytest.mark.parametrize("preset", ["default", "iou"])
 def test_objects_that_overlap_from_frame_to_frame_keep_their_ids(preset):
-    assert ids_of([seen((100 + 3 * n, 100), (300 - 5 * n, 200)) for n in range(6)], preset) == [[1, 2]] * 6
+    assert _ids([seen((100 + 3 * n, 100), (300 - 5 * n, 200)) for n in range(6)], preset) == [[1, 2]] * 6
 
 
 def test_fast_object_is_followed_although_its_boxes_never_overlap():
     """15 px a frame, then 30: a box is 20 px wide."""
-    assert ids_of(_moving(8, speed=15)) == [[1, 2]] * 8
-    assert ids_of(_moving(8, speed=22)) == [[1, 2]] * 8
+    assert _ids(_moving(8, speed=15)) == [[1, 2]] * 8
+    assert _ids(_moving(8, speed=22)) == [[1, 2]] * 8
 
 
 @pytest.mark.parametrize("preset", ["default", "iou"])
@@ -47,13 +62,13 @@ def test_moving_object_is_kept_through_a_gap(preset, gap_s):
     """It comes back where its speed says, up to two seconds and 2.5 boxes later."""
     before, gone = 12, round(gap_s / STEP_S)
     frames = [*_moving(before, 2.0), *[seen((900, 100))] * gone, _moving(before + gone + 1, 2.0)[-1]]
-    answers = ids_of(frames, preset)
+    answers = _ids(frames, preset)
     assert answers[-1] == [1, 2]
     assert answers[before : before + gone] == [[2]] * gone
 
 
 def test_unseen_object_is_told_with_its_expected_box():
-    tracker = Tracker()
+    tracker = Tracker(CONFIG)
     for number, frame in enumerate([*_moving(12, 2.0), seen((900, 100)), seen((900, 100))]):
         tracks = tracker.update(frame, number * STEP_S)
         assert tracks.unseen_ids.tolist() == ([1] if number >= 12 else [])
@@ -63,8 +78,8 @@ def test_unseen_object_is_told_with_its_expected_box():
 def test_object_unseen_for_longer_than_the_memory_is_a_new_one():
     there, away = seen(LEFT, (900, 100), looks=[ONE, OTHER]), seen((900, 100), looks=[OTHER])
     times = [0.0, 0.1, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.15, 8.2]
-    assert ids_of([there, there, *[away] * 7, there, there, there], times=times)[-3:] == [[1, 2]] * 3
-    assert ids_of([there, there, *[away] * 9, there, there], times=[*times, 8.3])[-2:] == [[3, 2]] * 2
+    assert _ids([there, there, *[away] * 7, there, there, there], times=times)[-3:] == [[1, 2]] * 3
+    assert _ids([there, there, *[away] * 9, there, there], times=[*times, 8.3])[-2:] == [[3, 2]] * 2
 
 
 @_MEMORY
@@ -80,7 +95,7 @@ def test_appearance_finds_who_is_who_after_a_gap_where_places_would_mislead():
     before = [seen(*beside, (500, 100), looks=[ONE, OTHER, [1, 1]])] * 5
     after = seen(*beside, (500, 100), looks=[OTHER, ONE, [1, 1]])
     assert _last([*before, *hidden, after]) == [2, 1, 3]
-    assert _last([*before, *hidden, after], "iou") == [1, 2, 3]
+    assert _last([*before, *hidden, after], BOXES) == [1, 2, 3]
 
 
 def test_object_is_found_again_by_any_of_its_views():
@@ -90,17 +105,17 @@ def test_object_is_found_again_by_any_of_its_views():
     before = [seen(LEFT, (900, 100), looks=[*at_angle(angle), OTHER]) for angle in views]
     after = seen((88, 100), (112, 100), (900, 100), looks=[*at_angle(-100, 0), OTHER])
     assert _last([*before, after, after], times=times) == [3, 1, 2]
-    assert _last([*before, after, after], replace(DefaultConfig(), views=0), times) != [3, 1, 2]
+    assert _last([*before, after, after], replace(CONFIG, views=0), times) != [3, 1, 2]
 
 
 def test_appearance_is_not_asked_where_boxes_are_safe():
     """One box over the other and nobody near: whatever the descriptors say."""
     frames = [seen(LEFT, RIGHT, looks=[ONE, OTHER]), seen(LEFT, RIGHT, looks=[OTHER, ONE])] * 3
-    assert ids_of(frames) == [[1, 2]] * 6
+    assert _ids(frames) == [[1, 2]] * 6
 
 
 def test_appearance_alone_cannot_make_an_object_jump_across_the_picture():
-    assert ids_of([seen(LEFT, looks=[ONE])] * 3 + [seen((2000, 100), looks=[ONE])] * 2) == [[1]] * 3 + [[2]] * 2
+    assert _ids([seen(LEFT, looks=[ONE])] * 3 + [seen((2000, 100), looks=[ONE])] * 2) == [[1]] * 3 + [[2]] * 2
 
 
 def test_another_class_speaks_against_an_object():
@@ -108,23 +123,23 @@ def test_another_class_speaks_against_an_object():
     before, away = seen((100, 100), (112, 100), (900, 100), labels=[0, 1, 2]), seen((900, 100), labels=[2])
     after = seen((100, 100), (112, 100), (900, 100), labels=[1, 0, 2])
     assert _last([*[before] * 4, *[away] * 5, after]) == [2, 1, 3]
-    assert _last([*[before] * 4, *[away] * 5, after], replace(DefaultConfig(), class_penalty=0.0)) == [1, 2, 3]
+    assert _last([*[before] * 4, *[away] * 5, after], replace(CONFIG, class_penalty=0.0)) == [1, 2, 3]
 
 
 # --- scores ----------------------------------------------------------------------------------------------------------
 
 
 def test_low_scores_continue_an_object():
-    assert ids_of([seen(LEFT)] * 3 + [seen(LEFT, scores=0.15)] * 12) == [[1]] * 15
+    assert _ids([seen(LEFT)] * 3 + [seen(LEFT, scores=0.15)] * 12) == [[1]] * 15
 
 
 def test_object_of_which_only_low_scores_are_left_waits_until_it_is_sure_again():
     """After a second its rows get no id any more; when the score rises they are given back, with the same id."""
     frames = [*[seen(LEFT)] * 3, *[seen(LEFT, scores=0.15)] * 50]
-    tracker = Tracker()
+    tracker = Tracker(CONFIG)
     answers = [tracker.update(frame, number * STEP_S).ids.tolist() for number, frame in enumerate(frames)]
     assert answers[-1] == [NO_ID]
-    assert ids_of([*frames, *[seen(LEFT, scores=1.0)] * 5]) == [[1]] * 58
+    assert _ids([*frames, *[seen(LEFT, scores=1.0)] * 5]) == [[1]] * 58
 
 
 def test_low_score_continues_only_where_it_overlaps():
@@ -148,10 +163,10 @@ def test_high_scores_choose_first():
 
 
 def test_lowest_scores_are_not_looked_at_and_low_ones_begin_nothing():
-    assert ids_of([seen(LEFT, scores=0.09)] * 30) == [[NO_ID]] * 30
+    assert _ids([seen(LEFT, scores=0.09)] * 30) == [[NO_ID]] * 30
     assert _last([seen(LEFT)] * 3 + [seen(LEFT, scores=0.09)]) == [NO_ID]
-    assert ids_of([seen(LEFT, scores=0.19)] * 30) == [[NO_ID]] * 30
-    tracker = Tracker()
+    assert _ids([seen(LEFT, scores=0.19)] * 30) == [[NO_ID]] * 30
+    tracker = Tracker(CONFIG)
     tracker.update(seen(LEFT, scores=0.19))
     assert len(tracker._rule.objects) == 0
 
@@ -160,7 +175,7 @@ def test_lowest_scores_are_not_looked_at_and_low_ones_begin_nothing():
 
 
 def test_object_is_confirmed_at_its_second_sight_and_its_first_row_is_given_back():
-    tracker = Tracker()
+    tracker = Tracker(CONFIG)
     first = tracker.update(seen((900, 500), LEFT, scores=[0.15, 0.9], labels=[3, 5]), 0.0)
     assert first.ids.tolist() == [NO_ID, NO_ID]
     assert len(first.given_back) == len(tracker.given_back) == 0
@@ -177,7 +192,7 @@ def test_object_is_confirmed_at_its_second_sight_and_its_first_row_is_given_back
 
 def test_rows_given_back_are_those_of_every_frame_before():
     """Weak at first, at another place in each frame's rows; all of them come back at once."""
-    tracker = Tracker()
+    tracker = Tracker(CONFIG)
     for number in range(5):
         others = [(900 + 30 * k, 500) for k in range(number)]  # never usable
         tracks = tracker.update(seen(*others, LEFT, scores=[*[0.05] * number, 0.5]), number * STEP_S)
@@ -190,7 +205,7 @@ def test_rows_given_back_are_those_of_every_frame_before():
 
 
 def test_no_more_rows_are_given_back_than_stated():
-    tracker = Tracker(replace(DefaultConfig(), given_back_rows=3))
+    tracker = Tracker(replace(CONFIG, given_back_rows=3))
     for number in range(10):
         tracker.update(seen(LEFT, scores=0.5), number * STEP_S)
     given = []
@@ -205,18 +220,18 @@ def test_weak_false_positive_is_never_confirmed():
     """Something that stands still at 0.5 for a minute, trembling by a few pixels."""
     rng = np.random.default_rng(0)
     frames = [seen(np.add(LEFT, rng.normal(0, 2, 2)), scores=0.5) for _ in range(1500)]
-    assert {identity for answer in ids_of(frames) for identity in answer} == {NO_ID}
+    assert {identity for answer in _ids(frames) for identity in answer} == {NO_ID}
 
 
 def test_weak_object_that_moves_is_confirmed():
-    answers = ids_of([seen((100 + 3 * n, 100), scores=0.45) for n in range(40)])
+    answers = _ids([seen((100 + 3 * n, 100), scores=0.45) for n in range(40)])
     assert answers == [[1]] * 40
 
 
 def test_object_seen_once_is_forgotten_soon():
     """Half a second later nothing is known of it: its first row is not given back."""
     frames = [seen(LEFT, (900, 100)), *[seen((900, 100))] * 15, *[seen(LEFT, (900, 100))] * 2]
-    answers = ids_of(frames)
+    answers = _ids(frames)
     assert answers[0] == [NO_ID, 1]
     assert answers[-1] == [2, 1]
 
@@ -235,22 +250,22 @@ def test_ids_are_given_in_the_order_of_confirmation():
 def test_second_box_of_an_object_makes_no_second_object(shift):
     """Whether it is left out as the same box or only seen as one of a known object."""
     frames = [seen(LEFT)] * 2 + [seen(LEFT, (100 + shift, 100), scores=[0.9, 0.8])] * 10
-    assert ids_of(frames)[2:] == [[1, NO_ID]] * 10
+    assert _ids(frames)[2:] == [[1, NO_ID]] * 10
 
 
 def test_two_objects_that_begin_as_one_box_each_are_two():
-    assert ids_of([seen((100, 100), (112, 100))] * 4) == [[1, 2]] * 4
+    assert _ids([seen((100, 100), (112, 100))] * 4) == [[1, 2]] * 4
 
 
 def test_class_is_that_of_the_vote_and_does_not_flicker():
-    tracker, labels = Tracker(), []
+    tracker, labels = Tracker(CONFIG), []
     for number, label in enumerate([0, 0, 0, 1, 0, 1, 0, 0, 1, 0]):
         labels += tracker.update(seen(LEFT, labels=label), number * STEP_S).labels.tolist()
     assert labels[1:] == [0] * 9
 
 
 def test_wrong_first_class_is_outvoted_and_rows_given_back_have_the_right_one():
-    tracker = Tracker(replace(DefaultConfig(), evidence=replace(DefaultConfig().evidence, hits=4)))
+    tracker = Tracker(replace(CONFIG, evidence=replace(CONFIG.evidence, hits=4)))
     for number, label in enumerate([7, 3, 3]):
         assert tracker.update(seen(LEFT, labels=label), number * STEP_S).labels.tolist() == [label]
     tracks = tracker.update(seen(LEFT, labels=3), 3 * STEP_S)
@@ -268,7 +283,7 @@ def test_who_enters_where_another_left_gets_a_new_id():
     away = [seen((20, 100), looks=[OTHER])] * 25
     entering = [seen((edge - 5 * n, 100), (20, 100), looks=[[-1, 0.1], OTHER]) for n in range(5)]
     assert _last([*leaving, *away, *entering]) == [3, 2]
-    assert _last([*leaving, *away, *entering], "iou") == [3, 2]
+    assert _last([*leaving, *away, *entering], BOXES) == [3, 2]
 
 
 # --- camera ----------------------------------------------------------------------------------------------------------
@@ -276,7 +291,7 @@ def test_who_enters_where_another_left_gets_a_new_id():
 
 def _panned(with_affine):
     """Three look-alikes in a row, 60 px apart; the camera turns by 55 px a frame, so each lands near the next."""
-    tracker, shift, answers = Tracker(), np.array([[1.0, 0, 0], [0, 1, 0]]), []
+    tracker, shift, answers = Tracker(CONFIG), np.array([[1.0, 0, 0], [0, 1, 0]]), []
     for number in range(8):
         moved = 0.0 if number < 4 else -55.0 * (number - 3)
         if number >= 4:
@@ -293,7 +308,7 @@ def test_ids_are_kept_in_a_panned_picture_with_the_cameras_motion_and_not_withou
 
 
 def test_camera_moves_those_who_are_not_seen():
-    tracker = Tracker()
+    tracker = Tracker(CONFIG)
     for number in range(5):
         tracker.update(seen(LEFT, RIGHT), number * STEP_S)
     camera = np.array([[1.0, 0, 30], [0, 1, -20]])
@@ -306,7 +321,7 @@ def test_camera_moves_those_who_are_not_seen():
 
 
 def test_without_fast_objects_a_jump_is_none():
-    slow = replace(DefaultConfig(), motion=replace(MotionConfig(), jump_share=0.0))
+    slow = replace(CONFIG, motion=replace(CONFIG.motion, jump_share=0.0))
     frames = _moving(6, speed=24)
-    assert ids_of(frames) == [[1, 2]] * 6
-    assert ids_of(frames, slow) != [[1, 2]] * 6
+    assert _ids(frames) == [[1, 2]] * 6
+    assert _ids(frames, slow) != [[1, 2]] * 6

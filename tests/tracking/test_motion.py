@@ -124,9 +124,6 @@ def test_place_follows_the_velocity_and_what_is_unseen_slows_down():
     assert motions.place[0, 0] == pytest.approx(115.0 + 30.0 * CONFIG.slow_down_s, rel=0.02)
 
 
-_DEFECT = pytest.mark.xfail(strict=True, reason="the bound of the speed's variance leaves its covariance as it is")
-
-
 def _random_life(motions, rng, steps, check):
     """Predictions, corrections and jumps of one object in any order; ``check`` after each."""
     for _ in range(steps):
@@ -141,7 +138,6 @@ def _random_life(motions, rng, steps, check):
             check(motions)
 
 
-@_DEFECT
 def test_covariances_stay_positive_definite():
     """The speed's variance was bounded and its covariance with the place was not: variances fell below 0."""
     rng = np.random.default_rng(0)
@@ -154,7 +150,6 @@ def test_covariances_stay_positive_definite():
         _random_life(_begin(), rng, 50, check)
 
 
-@_DEFECT
 @pytest.mark.parametrize(("step_s", "speed_px"), [(0.04, 25), (0.04, 50), (2.0, 5)])
 def test_fast_object_and_slow_frames_leave_no_impossible_variance(step_s, speed_px):
     """A box of 40 px that moves 25 px a frame at 25 frames/s had a variance below 0, NaN gains, and was lost."""

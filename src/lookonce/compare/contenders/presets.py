@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lookonce.compare.detections import DetectedSequence
 from lookonce.structures import NO_ID, Detections
-from lookonce.tracking import PRESETS, PaperConfig, Tracker
+from lookonce.tracking import PRESETS, Tracker
 
 __all__ = ["associate_preset", "needs_descriptors"]
 
