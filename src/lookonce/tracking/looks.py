@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,6 +43,7 @@ class Looks:
         self.seen = np.zeros(slots, np.int64)  # descriptors remembered so far
         self.view_count = np.zeros(slots, np.int64)
         self.view_s = np.full(slots, -np.inf)
+        self._is_stale = np.zeros(slots, np.bool_)  # whether the reference is older than the last three
 
     def check_size(self, size: int) -> None:
         """Settle the length of descriptors, at the first call.
@@ -67,18 +70,19 @@ class Looks:
         """The objects in ``slots`` (M,) are gone."""
         self.kept_squared[slots] = np.inf
         self.seen[slots] = self.view_count[slots] = 0
+        self._is_stale[slots] = False
         self.view_s[slots] = -np.inf
         self._free.extend(slots[::-1].tolist())
 
     def _grow(self) -> None:
-        before, used = (
-            (self.latest, self.kept, self.kept_squared, self.seen, self.view_count, self.view_s),
-            len(self.seen),
-        )
+        before, used = self._arrays(), len(self.seen)
         self._allocate(max(64, 2 * used), self.latest.shape[2])
-        after = (self.latest, self.kept, self.kept_squared, self.seen, self.view_count, self.view_s)
-        for old, new in zip(before, after, strict=True):
+        for old, new in zip(before, self._arrays(), strict=True):
             new[:used] = old
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        own = self.latest, self.kept, self.kept_squared, self.seen, self.view_count, self.view_s
+        return (*own, self._is_stale)
 
     def distances(
         self, slots: NDArray[np.int64], descriptors: Quantized, rows: NDArray[np.int64]
@@ -90,6 +94,7 @@ class Looks:
             descriptors: of N rows; a row of zeros has none.
             rows: (K,) of the pairs.
         """
+        self.refresh(slots)
         squared = np.empty(len(slots))
         for begin in range(0, len(slots), _CHUNK):
             part = slice(begin, begin + _CHUNK)
@@ -115,21 +120,24 @@ class Looks:
             return
         self.latest[slots, self.seen[slots] % LATEST] = descriptors.units
         self.seen[slots] += 1
-        self._refer(slots, descriptors)
+        self._is_stale[slots] = True
         is_due = is_clean & (self.view_s[slots] + self.interval_s <= now_s)
         if self.views and is_due.any():
             self._view(slots[is_due], descriptors.part(is_due), now_s)
 
-    def _refer(self, slots: NDArray[np.int64], newest: Quantized) -> None:
-        has_three = self.seen[slots] >= LATEST
-        first, then = slots[~has_three], slots[has_three]
-        if len(first):
-            self.kept[first, 0] = newest.units[~has_three]
-            self.kept_squared[first, 0] = newest.squared_lengths[~has_three]
-        if len(then):
-            median = Quantized.of(median_of_three(*np.moveaxis(self.latest[then], 1, 0)))
-            self.kept[then, 0] = median.units
-            self.kept_squared[then, 0] = median.squared_lengths
+    def refresh(self, slots: NDArray[np.int64]) -> None:
+        """Bring the references of objects up to date: only when somebody asks, because most never are asked for."""
+        stale = np.unique(slots[self._is_stale[slots]])
+        if not len(stale):
+            return
+        self._is_stale[stale] = False
+        latest, seen = self.latest[stale], self.seen[stale]
+        units = latest[np.arange(len(stale)), (seen - 1) % LATEST]
+        has_three = seen >= LATEST
+        units[has_three] = median_of_three(*np.moveaxis(latest[has_three], 1, 0))
+        references = Quantized.of(units)
+        self.kept[stale, 0] = references.units
+        self.kept_squared[stale, 0] = references.squared_lengths
 
     def _view(self, slots: NDArray[np.int64], descriptors: Quantized, now_s: float) -> None:
         products = np.einsum("kgd,kd->kg", self.kept[slots, 1:], descriptors.units)

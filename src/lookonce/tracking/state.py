@@ -125,6 +125,7 @@ def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {"extent": rule.extent, "moving": moving}
     arrays |= {name: getattr(objects, name) for name in _OBJECTS}
     arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
+    looks.refresh(slots)
     arrays |= {name: getattr(looks, name)[slots] for name in _LOOKS}
     rows = [(serial, row) for serial, waiting in rule.waiting.items() for row in waiting]
     numbers = [(serial, row.frame, row.row, row.label) for serial, row in rows]
