@@ -64,6 +64,7 @@ class DefaultRule:
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
         self._frame_number = 0
+        self._ended: list[Ended] = []
 
     def update(
         self,
@@ -86,6 +87,7 @@ class DefaultRule:
         Raises:
             ValueError: descriptors of another length than before.
         """
+        self._ended.clear()
         step_s = self._advance(time_s)
         self._numbers, self._frame_number = numbers, self.frame if frame_number is None else frame_number
         self._predict(step_s, camera)
@@ -102,7 +104,7 @@ class DefaultRule:
         notes = self._note(frame, pairs, step_s) if self.explains else None
         given_back = self._see(frame, is_clean, detections)
         ids, labels = self._answer(frame)
-        ended = self._end(step_s)
+        self._end(step_s)
         is_new = self._begin(frame, is_clean, detections)
         is_unseen = (self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)
         unseen_boxes = self.objects.motions.boxes(is_unseen).astype(np.float32)
@@ -114,7 +116,7 @@ class DefaultRule:
             self.objects.ids[is_unseen],
             unseen_boxes,
             given_back=given_back,
-            story=None if notes is None else tell(notes, ids, is_new, ended, self.config),
+            story=None if notes is None else tell(notes, ids, is_new, tuple(self._ended), self.config),
         )
 
     def _note(self, frame: Frame, pairs: Pairs, step_s: float) -> Notes:
@@ -150,7 +152,9 @@ class DefaultRule:
     def _predict(self, step_s: float, camera: NDArray[np.float64] | None) -> None:
         """Where the objects are now; those that a gap outlived are gone."""
         if step_s > self.config.memory_s:
-            self._forget(np.ones(len(self.objects), np.bool_))
+            gone = np.ones(len(self.objects), np.bool_)
+            self._note_ends(gone, [f"nothing came for {step_s:.1f} s"] * len(gone))
+            self._forget(gone)
         objects = self.objects
         is_unseen = objects.seen_s < self.now_s - step_s - _LEAST_STEP_S / 2
         objects.motions.predict_(step_s, is_unseen, self.config.motion)
@@ -304,7 +308,7 @@ class DefaultRule:
             labels[rows] = self.objects.labels[frame.object_of[rows]]
         return ids, labels
 
-    def _end(self, step_s: float) -> tuple[Ended, ...]:
+    def _end(self, step_s: float) -> None:
         """Forget whom nobody has seen for too long, or who has left the picture."""
         objects, config = self.objects, self.config
         unseen_s = self.now_s - objects.seen_s
@@ -315,17 +319,17 @@ class DefaultRule:
         is_outside = is_beyond[:, 0] | is_beyond[:, 1]
         is_over |= is_outside & (unseen_s > config.leave_s)
         if not is_over.any():
-            return ()
-        known = np.flatnonzero(is_over & (objects.ids != NO_ID)).tolist() if self.explains else []
-        ended = tuple(
-            Ended(
-                int(objects.ids[place]),
-                "left the picture" if is_outside[place] else f"not seen for {unseen_s[place]:.1f} s",
-            )
-            for place in known
-        )
+            return
+        if self.explains:
+            left = "left the picture"
+            unseen = [f"not seen for {one:.1f} s" for one in unseen_s.tolist()]
+            self._note_ends(is_over, [left if one else then for one, then in zip(is_outside, unseen, strict=True)])
         self._forget(is_over)
-        return ended
+
+    def _note_ends(self, is_over: NDArray[np.bool_], reasons: list[str]) -> None:
+        """Remember, for the story, which identities end and why; ``reasons`` (P,)."""
+        for place in np.flatnonzero(is_over & (self.objects.ids != NO_ID)).tolist():
+            self._ended.append(Ended(int(self.objects.ids[place]), reasons[place]))
 
     def _forget(self, is_over: NDArray[np.bool_]) -> None:
         for serial in self.objects.serials[is_over].tolist():
