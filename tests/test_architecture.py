@@ -16,7 +16,18 @@ PACKAGE = Path(__file__).parents[1] / "src" / "lookonce"
 OURS = "lookonce"
 
 # in this order: each may import earlier ones
-LEAVES = ("errors", "boxes", "distances", "letterbox", "stories", "structures", "config", "interrupts", "assignment", "array_file")
+LEAVES = (
+    "errors",
+    "boxes",
+    "distances",
+    "letterbox",
+    "stories",
+    "structures",
+    "config",
+    "interrupts",
+    "assignment",
+    "array_file",
+)
 EXTRA = {"letterbox": {"av"}, "assignment": {"lap"}}
 
 # room -> ours, third party; "make.darknet" is a room inside a room, and the longest name that fits counts

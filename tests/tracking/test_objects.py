@@ -11,9 +11,11 @@ from lookonce.errors import ConfigError
 from lookonce.structures import NO_ID
 from lookonce.tracking import EvidenceConfig, MotionConfig
 from lookonce.tracking.motion import Motions
-from lookonce.tracking.objects import Objects
+from lookonce.tracking.objects import MovingScores, Objects
 
-EVIDENCE = EvidenceConfig()
+EVIDENCE = EvidenceConfig(
+    hits=2, score=0.7, least_score=0.45, score_memory_s=3.0, travel=0.5, travels=2, travel_memory_s=3.0
+)
 ONE = np.zeros(1, np.int64)
 
 
@@ -25,10 +27,10 @@ def _begin(count=1, scores=0.5, labels=0):
     )
 
 
-def _see(objects, score=0.5, label=0, now_s=0.04, place=None, evidence=EVIDENCE):
+def _see(objects, score=0.5, label=0, now_s=0.04, place=None, evidence=EVIDENCE, moving=None):
     if place is not None:
         objects.motions.place[0] = place
-    objects.see_(ONE, np.array([label]), np.array([score]), now_s, evidence)
+    objects.see_(ONE, np.array([label]), np.array([score]), now_s, evidence, moving or MovingScores())
 
 
 def test_new_object_is_not_real_yet():
@@ -92,6 +94,57 @@ def test_two_travels_make_real_whatever_the_score_until_they_are_long_ago():
     assert objects.is_real[0]
 
 
+def _moving(*scores):
+    moving = MovingScores()
+    for begin in range(0, len(scores), 7):
+        moving.add(np.array(scores[begin : begin + 7]))
+    return moving
+
+
+def test_what_stands_needs_no_more_than_the_lower_scores_of_what_moves():
+    """Objects on their way at 0.6, more or less: 0.55 is enough for one that stands, but 0.5 is not."""
+    moving = _moving(*[0.65, 0.55] * 200)
+    assert moving.enough(EVIDENCE) == pytest.approx(0.55)
+    for score, is_real in [(0.56, True), (0.54, False)]:
+        objects = _begin(scores=score)
+        _see(objects, score, moving=moving)
+        assert objects.is_real[0] == is_real
+
+
+@pytest.mark.parametrize(
+    ("scores", "expected"),
+    [
+        pytest.param([], 0.7, id="nothing-moves"),
+        pytest.param([0.5] * 100, 0.6, id="half-convinced"),
+        pytest.param([0.1] * 400, 0.45, id="never-less-than-the-least"),
+        pytest.param([0.95] * 400, 0.7, id="never-more-than-is-enough"),
+    ],
+)
+def test_score_that_is_enough(scores, expected):
+    assert _moving(*scores).enough(EVIDENCE) == pytest.approx(expected)
+
+
+def test_scores_of_what_moves_are_summed_up_and_old_ones_fade():
+    scores = np.random.default_rng(0).uniform(0, 1, 3000)
+    moving = _moving(*scores)
+    assert moving.mean == pytest.approx(scores.mean())
+    assert moving.squares == pytest.approx(scores.var())
+    for _ in range(10_000):
+        moving.add(np.array([0.25, 0.25, 0.25]))
+    assert moving.mean == pytest.approx(0.25, abs=0.01)
+    assert moving.squares == pytest.approx(0, abs=0.01)
+    moving.add(np.zeros(0))
+    assert moving.count == 5000
+
+
+def test_only_what_is_on_its_way_is_asked_for_its_scores():
+    objects, moving = _begin(scores=0.2), MovingScores()
+    _see(objects, 0.2, now_s=0.1, place=[115.0, 50.0], moving=moving)
+    assert moving.count == 0
+    _see(objects, 0.3, now_s=0.2, place=[130.0, 50.0], moving=moving)
+    assert (moving.count, moving.mean) == (1, pytest.approx(0.3))
+
+
 def test_trembling_about_a_place_is_no_travel():
     objects = _begin(scores=0.2)
     for number in range(1, 50):
@@ -107,6 +160,15 @@ def test_class_is_the_one_with_most_score_behind_it():
     assert (objects.labels[0], objects.votes[0]) == (7, 0.25)
     _see(objects, 0.25, label=2)  # exactly as much: the class stays
     assert (objects.labels[0], objects.votes[0]) == (7, 0.0)
+
+
+def test_votes_of_one_object_do_not_touch_another():
+    objects, both = _begin(2, scores=0.75, labels=2), np.arange(2)
+    for _ in range(2):
+        objects.see_(both, np.array([2, 7]), np.array([0.5, 0.5]), 0.04, EVIDENCE, MovingScores())
+    assert objects.labels.tolist() == [2, 7]
+    objects.see_(both, np.array([9, 2]), np.array([0.25, 0.5]), 0.04, EVIDENCE, MovingScores())
+    assert objects.labels.tolist() == [2, 2]
 
 
 def test_class_seen_for_hours_is_outvoted_in_time():

@@ -77,7 +77,8 @@ def test_first_lines_cannot_break_out_of_their_comment(tmp_path):
 
 def test_a_file_names_a_preset_and_what_differs(tmp_path):
     path = write(tmp_path, 'preset = "iou"\nmemory_s = 4\n[motion]\nplace_noise = 0.5\n')
-    expected = DefaultConfig(appearance=False, memory_s=4.0, motion=MotionConfig(place_noise=0.5))
+    iou = PRESETS["iou"]()
+    expected = replace(iou, memory_s=4.0, motion=replace(iou.motion, place_noise=0.5))
     assert read_tracker_settings(path) == expected
     assert read_tracker_settings(write(tmp_path, 'preset = "paper"')) == PaperConfig()
 
@@ -122,7 +123,7 @@ def test_a_tracker_is_a_preset_or_a_file(tmp_path, monkeypatch):
     write(tmp_path, 'preset = "default"\nmemory_s = 4\n')
     for given in ("tracker.toml", str(tmp_path / "tracker.toml"), f".{os.sep}tracker.toml"):
         assert choose_tracker(given).config == DefaultConfig(memory_s=4.0)
-    assert choose_tracker("iou").config == DefaultConfig(appearance=False)
+    assert choose_tracker("iou").config == PRESETS["iou"]()
     message = refusal(ConfigError, lambda: choose_tracker("defualt"))
     assert message == "tracker 'defualt': expected one of default, iou, paper, or a file such as tracker.toml"
 

@@ -1,0 +1,67 @@
+"""Scores of settings on scenes whose result is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lookonce.errors import ConfigError
+from lookonce.evaluation import combine
+from lookonce.tracking import DefaultConfig, PaperConfig
+from lookonce.tuning.scoring import Gain, Scorer, objective_value
+from tuning.blinking import DISTANCE, make_scene
+
+TOO_SMALL, LARGE_ENOUGH = PaperConfig(0.95 * DISTANCE), PaperConfig(1.05 * DISTANCE)
+
+
+def test_objects_keep_their_ids_where_the_threshold_allows_it():
+    scorer = Scorer([make_scene(frames=6)], [1])
+    (good,), (bad,) = scorer.scores(LARGE_ENOUGH), scorer.scores(TOO_SMALL)
+    assert (good.identity.idf1, good.clear.id_switches, good.counts.tracks) == (1.0, 0, 2)
+    assert (bad.clear.id_switches, bad.counts.tracks) == (10, 12)
+    assert objective_value("hota", [good]) == pytest.approx(1.0)
+    assert objective_value("mota", [bad]) == pytest.approx(1 - 10 / 12)
+
+
+def test_the_objective_is_the_mean_over_frame_rates():
+    """Every second frame an object looks the same, and any threshold does."""
+    scores = Scorer([make_scene()], [1, 2]).scores(TOO_SMALL)
+    one, two = (objective_value("idf1", [rate]) for rate in scores)
+    assert two == 1.0 > one
+    assert objective_value("idf1", scores) == pytest.approx((one + two) / 2)
+
+
+def test_scenes_are_combined_and_a_tracker_starts_anew_in_each():
+    scenes = [make_scene("a"), make_scene("b", 10)]
+    (both,) = Scorer(scenes, [1]).scores(LARGE_ENOUGH)
+    apart = combine([Scorer([scene], [1]).scores(LARGE_ENOUGH)[0] for scene in scenes])
+    assert (both.clear, both.identity, both.counts) == (apart.clear, apart.identity, apart.counts)
+    assert (both.counts.frames, both.counts.tracks, both.clear.id_switches) == (30, 4, 0)
+
+
+def test_rows_given_back_count_in_their_own_frames():
+    """An object is real from its second frame on, and gets its first row back, also where only some frames are used."""
+    (scores,) = Scorer([make_scene().cut(2)[1]], [2]).scores(DefaultConfig(match_threshold=1.5))
+    assert (scores.clear.misses, scores.clear.false_positives, scores.counts.frames) == (0, 0, 5)
+
+
+def test_gain_is_the_mean_over_parts_and_its_error_tells_how_they_differ():
+    scorer = Scorer([make_scene()], [1])
+    gain = scorer.gain("mota", TOO_SMALL, LARGE_ENOUGH)
+    # five parts of 4 frames: in each the ids of the worse change three times, from part to part nobody counts
+    assert gain == Gain(pytest.approx(3 / 4), pytest.approx(0.0, abs=1e-12))
+    assert gain.is_clear
+    assert not scorer.gain("mota", LARGE_ENOUGH, TOO_SMALL).is_clear
+    assert not scorer.gain("mota", TOO_SMALL, TOO_SMALL).is_clear
+
+
+def test_a_single_part_tells_nothing_of_the_error():
+    gain = Scorer([make_scene(frames=1)], [1]).gain("mota", TOO_SMALL, LARGE_ENOUGH)
+    assert gain.error == np.inf
+    assert not gain.is_clear
+
+
+def test_nothing_to_find_is_one_line():
+    scene = make_scene(frames=8).cut(4)[1]  # frames 2 and 3
+    with pytest.raises(ConfigError, match="a: no object that counts in every 5th frame"):
+        Scorer([scene], [5])
