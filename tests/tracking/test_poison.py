@@ -9,9 +9,6 @@ from lookonce.tracking import Tracker
 from tracking.moving import crowd
 
 OBJECTS, SIZE = 12, 16
-_TIES = pytest.mark.xfail(
-    strict=True, reason="of boxes of one score the first row is kept, also one without descriptor"
-)
 
 
 def _impossible(rng, rows, count):
@@ -82,7 +79,6 @@ def test_poison_changes_nobody_for_an_hour():
     _run(100_000)
 
 
-@_TIES
 def test_second_box_without_descriptor_does_not_take_the_place_of_the_first():
     """A copy of a row, of the same score, that stands before it and has no descriptor, was kept in its stead."""
     tracker, box = Tracker(), [100.0, 100, 140, 180, 0.9, 0]

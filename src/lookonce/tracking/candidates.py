@@ -39,6 +39,7 @@ class Frame:
         overlaps: among all rows.
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
         has_jumped: (N,) bool, whether the object turns out to be a fast one.
+        order: (N,) int64, all rows, best first.
     """
 
     xyxy: NDArray[np.float64]
@@ -51,6 +52,7 @@ class Frame:
     overlaps: Overlaps
     object_of: NDArray[np.int64]
     has_jumped: NDArray[np.bool_]
+    order: NDArray[np.int64]
 
 
 @dataclass(slots=True)

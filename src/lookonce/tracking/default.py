@@ -31,7 +31,6 @@ from lookonce.tracking.overlapping import keep_best, overlaps_of
 __all__ = ["DefaultRule"]
 
 _LEAST_STEP_S = 1e-3
-_SURE = 50.0  # gain of a pair that is safe by its boxes: more than any other pair can have
 _TOUCHING = 0.1  # overlap from which a second candidate makes a pair ambiguous
 
 
@@ -58,12 +57,15 @@ class DefaultRule:
         self.next_serial = 0
         self.frame = -1
         self.now_s = 0.0
+        self.given_s = 0.0  # the last time as it was given,
+        self.offset_s = 0.0  # and how far the clock here is ahead of those given
         self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
         self.moving = MovingScores()
         self.clock_faults = 0
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
         self._frame_number = 0
+        self._recent = np.zeros(0, np.bool_)  # objects that were seen lately
         self._ended: list[Ended] = []
 
     def update(
@@ -94,7 +96,7 @@ class DefaultRule:
         frame = self._look_at(detections)
         pairs = find_pairs(self.objects, frame, self.now_s, self.config)
         is_known = self.objects.ids != NO_ID
-        is_recent = self.now_s - self.objects.seen_s <= 1.01 * step_s + self.config.low_score_s
+        is_recent = self._recent = self.now_s - self.objects.seen_s <= 1.01 * step_s + self.config.recent_s
         self._match(frame, pairs, is_known, frame.is_high, np.zeros(len(pairs.rows), np.bool_))
         is_weak_far = pairs.overlap < self.config.low_overlap
         self._match(frame, pairs, is_known & is_recent, frame.is_usable, is_weak_far)
@@ -140,20 +142,30 @@ class DefaultRule:
         """Seconds since the frame before."""
         self.frame += 1
         if self.frame == 0:
-            self.now_s = 0.0 if time_s is None else time_s
+            self.now_s = self.given_s = 0.0 if time_s is None else time_s
             return 0.0
-        step_s = 1.0 / self.config.frame_rate if time_s is None else time_s - self.now_s
+        step_s = 1.0 / self.config.frame_rate if time_s is None else time_s + self.offset_s - self.now_s
         if step_s < _LEAST_STEP_S:
             self.clock_faults += 1
+            # Twice in a row on an earlier clock that goes forward: it was set back, and goes on from there.
             step_s = _LEAST_STEP_S
+            if time_s is not None and time_s - self.given_s >= _LEAST_STEP_S:
+                step_s = time_s - self.given_s
+                self.offset_s = self.now_s - self.given_s
         self.now_s += step_s
+        self.given_s = self.now_s if time_s is None else time_s
         return step_s
 
     def _predict(self, step_s: float, camera: NDArray[np.float64] | None) -> None:
         """Where the objects are now; those that a gap outlived are gone."""
-        if step_s > self.config.memory_s:
-            gone = np.ones(len(self.objects), np.bool_)
-            self._note_ends(gone, [f"nothing came for {step_s:.1f} s"] * len(gone))
+        unseen_s = self.now_s - self.objects.seen_s
+        gone = unseen_s > self.config.memory_s
+        if gone.any():
+            nothing = f"nothing came for {step_s:.1f} s"
+            reasons = [
+                nothing if step_s > self.config.memory_s else f"not seen for {unseen:.1f} s" for unseen in unseen_s
+            ]
+            self._note_ends(gone, reasons)
             self._forget(gone)
         objects = self.objects
         is_unseen = objects.seen_s < self.now_s - step_s - _LEAST_STEP_S / 2
@@ -172,9 +184,9 @@ class DefaultRule:
         overlaps = overlaps_of(xyxy)
         is_usable = scores >= config.low_score
         nobody = np.zeros(len(scores), np.bool_)
-        is_usable = keep_best(
-            overlaps.above(config.same_overlap), np.argsort(-scores, kind="stable"), is_usable, nobody
-        )
+        has_no_look = nobody if looks is None else looks.squared_lengths == 0
+        order = np.lexsort((has_no_look, -scores))  # best first; of equal ones those with a descriptor
+        is_usable = keep_best(overlaps.above(config.same_overlap), order, is_usable, nobody)
         if is_usable.any():
             usable = xyxy[is_usable]
             self.extent[:2] = np.minimum(self.extent[:2], usable[:, :2].min(axis=0))
@@ -190,6 +202,7 @@ class DefaultRule:
             overlaps,
             np.full(len(scores), -1),
             nobody,
+            order,
         )
 
     def _match(
@@ -207,35 +220,48 @@ class DefaultRule:
         chosen = np.flatnonzero(is_open & ~is_left_out)
         if not len(chosen):
             return
+        safe = chosen[self._are_safe(frame, pairs, chosen)]
+        self._take(frame, pairs, safe)
+        is_taken[pairs.objects[safe]] = True
+        chosen = chosen[~is_taken[pairs.objects[chosen]] & (frame.object_of[pairs.rows[chosen]] < 0)]
+        if not len(chosen):
+            return
         gains = self._gains(frame, pairs, chosen)
         positive = np.flatnonzero(gains > 0)
         chosen = chosen[positive]
-        best = chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains[positive])]
-        frame.object_of[pairs.rows[best]] = pairs.objects[best]
-        frame.has_jumped[pairs.rows[best]] = pairs.is_jump[best]
+        self._take(frame, pairs, chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains[positive])])
 
-    def _gains(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(C,) gains of the chosen pairs: appearance is asked where boxes alone are not safe."""
-        config = self.config
+    def _take(self, frame: Frame, pairs: Pairs, taken: NDArray[np.intp]) -> None:
+        frame.object_of[pairs.rows[taken]] = pairs.objects[taken]
+        frame.has_jumped[pairs.rows[taken]] = pairs.is_jump[taken]
+
+    def _are_safe(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """(C,) bool: pairs that are taken whatever the others are: boxes that overlap, and nobody else near."""
         objects, rows, overlap = pairs.objects[chosen], pairs.rows[chosen], pairs.overlap[chosen]
-        gains = pairs.gains[chosen]
         is_touching = overlap > _TOUCHING
         rivals = np.bincount(objects[is_touching], minlength=len(self.objects))[objects]
         rivals += np.bincount(rows[is_touching], minlength=len(frame.scores))[rows]
-        is_safe = (overlap >= config.safe_overlap) & (rivals == 2)
-        is_safe &= self.objects.labels[objects] == frame.labels[rows]
-        if frame.looks is not None:
-            is_possible = gains > -config.appearance_limit
-            rivals = np.bincount(objects[is_possible], minlength=len(self.objects))[objects]
-            rivals += np.bincount(rows[is_possible], minlength=len(frame.scores))[rows]
-            is_certain = is_safe | ((rivals == 2) & (gains > config.appearance_limit))  # whatever the look
-            asked = np.flatnonzero(is_possible & ~is_certain)
-            pair = chosen[asked]
-            unknown = pair[np.isnan(pairs.distance[pair])]
-            slots = self.objects.slots[pairs.objects[unknown]]
-            pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
-            gains[asked] += self._likeness(pairs.distance[pair])
-        gains[is_safe] = np.maximum(gains[is_safe], _SURE)
+        is_safe: NDArray[np.bool_] = (overlap >= self.config.safe_overlap) & (rivals == 2)
+        is_safe &= self._recent[objects] & (self.objects.labels[objects] == frame.labels[rows])
+        return is_safe
+
+    def _gains(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(C,) gains of the chosen pairs, none of them safe, with appearance."""
+        config = self.config
+        gains = pairs.gains[chosen]
+        if frame.looks is None:
+            return gains
+        objects, rows = pairs.objects[chosen], pairs.rows[chosen]
+        is_possible = gains > -config.appearance_limit
+        rivals = np.bincount(objects[is_possible], minlength=len(self.objects))[objects]
+        rivals += np.bincount(rows[is_possible], minlength=len(frame.scores))[rows]
+        is_certain = (rivals == 2) & (gains > config.appearance_limit)  # whatever the look
+        asked = np.flatnonzero(is_possible & ~is_certain)
+        pair = chosen[asked]
+        unknown = pair[np.isnan(pairs.distance[pair])]
+        slots = self.objects.slots[pairs.objects[unknown]]
+        pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
+        gains[asked] += self._likeness(pairs.distance[pair])
         return gains
 
     def _clean_rows(self, frame: Frame, pairs: Pairs) -> NDArray[np.bool_]:
@@ -283,8 +309,8 @@ class DefaultRule:
 
     def _give_back(self, real: NDArray[np.int64]) -> GivenBack:
         back: list[tuple[int, int, WaitingRow]] = []
-        for place in real.tolist():
-            rows = self.waiting.pop(int(self.objects.serials[place]), ())
+        for place, serial in zip(real.tolist(), self.objects.serials[real].tolist(), strict=True):
+            rows = self.waiting.pop(serial, ())
             back += [(int(self.objects.ids[place]), int(self.objects.labels[place]), row) for row in rows]
         if not back:
             return GivenBack.nothing()
@@ -341,9 +367,10 @@ class DefaultRule:
         """New objects from what is left, not from second boxes of what is there; (N,) which rows."""
         config = self.config
         is_wanted = frame.is_usable & (frame.scores >= config.birth_score)
-        order = np.argsort(-frame.scores, kind="stable")
-        is_new = keep_best(frame.overlaps.above(config.duplicate_overlap), order, is_wanted, frame.object_of >= 0)
+        twins = frame.overlaps.above(config.duplicate_overlap)
+        is_new = keep_best(twins, frame.order, is_wanted, frame.object_of >= 0)
         rows = np.flatnonzero(is_new)
+        rows = rows[np.argsort(-frame.scores[rows], kind="stable")]  # ids do not depend on the order of rows
         if not len(rows):
             return is_new
         serials = np.arange(self.next_serial, self.next_serial + len(rows))

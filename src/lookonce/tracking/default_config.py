@@ -31,8 +31,9 @@ class DefaultConfig:
         birth_score: rows from here on may be new objects.
         high_score: rows from here on may continue an object wherever it may be; lower ones only where they overlap it.
         low_overlap: by so much (IoU).
-        low_score_s: and only if it was seen so lately, beyond the frame before, s.
-        safe_overlap: a pair that overlaps more and has no rival on either side is taken without asking appearance.
+        recent_s: and only if it was seen lately: in the frame before, or so long before that, s.
+        safe_overlap: a pair of an object seen lately that overlaps more, and has no rival on either side, is taken
+            without asking appearance.
         same_overlap: of two boxes of a frame that overlap more, the one of lower score is left out.
         duplicate_overlap: a box that overlaps a known object's more makes no new object.
         crowd_box: the place of a detection speaks for an object as against one elsewhere in a square of so many boxes.
@@ -60,7 +61,7 @@ class DefaultConfig:
     birth_score: float = 0.2
     high_score: float = 0.3
     low_overlap: float = 0.3
-    low_score_s: float = 0.3
+    recent_s: float = 0.3
     safe_overlap: float = 0.5
     same_overlap: float = 0.6
     duplicate_overlap: float = 0.4

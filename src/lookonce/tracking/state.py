@@ -77,7 +77,13 @@ def save_rule(path: Path, rule: DefaultRule | PaperRule, dropped_rows: int) -> N
         about["preset"], arrays = "paper", _of_paper(rule)
     else:
         about |= {"preset": "default", "frame": rule.frame, "next_serial": rule.next_serial}
-        about |= {"clock_faults": rule.clock_faults, "now_s": rule.now_s, "size": rule.looks.size}
+        about |= {
+            "clock_faults": rule.clock_faults,
+            "now_s": rule.now_s,
+            "given_s": rule.given_s,
+            "offset_s": rule.offset_s,
+            "size": rule.looks.size,
+        }
         arrays = _of_default(rule)
     text = json.dumps(about, allow_nan=False).encode()
     write_arrays(path, {"about": np.frombuffer(text, np.uint8), **arrays})
@@ -142,6 +148,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.frame, rule.clock_faults = _count(about, "frame", -1), _count(about, "clock_faults")
     rule.next_id, rule.next_serial = _count(about, "next_id", 1), _count(about, "next_serial")
     rule.now_s = float(about["now_s"])
+    rule.given_s, rule.offset_s = float(about["given_s"]), float(about["offset_s"])
     count = len(arrays["ids"])
     two = {"place", "velocity", "log_size"}
     shapes: dict[str, tuple[int, ...]] = {name: (count, 2) if name == "anchor" else (count,) for name in _OBJECTS}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lookonce.errors import ConfigError
-from lookonce.structures import Detections, GivenBack, Tracks
+from lookonce.structures import Detections, GivenBack, Tracks, check_array, check_finite
 from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig, iou_config
 from lookonce.tracking.paper import PaperConfig, PaperRule
@@ -30,6 +30,8 @@ __all__ = ["PRESETS", "Tracker", "TrackerConfig"]
 TrackerConfig = DefaultConfig | PaperConfig
 PRESETS: dict[str, Callable[[], TrackerConfig]] = {"default": DefaultConfig, "iou": iou_config, "paper": PaperConfig}
 """What makes the settings of each preset."""
+
+_LEAST_GROWTH = 1e-4  # of areas from one frame to the next; also what it may be at most, the other way round
 
 
 class Tracker:
@@ -130,11 +132,13 @@ class Tracker:
 
         Raises:
             ValueError: wrong shapes, no descriptors where the preset needs them, descriptors of another length than
-                before, or a time that is not finite.
+                before, a time that is not finite, or a camera's motion that cannot be undone.
             TypeError: the detections are none of the three forms.
         """
         if time_s is not None and not math.isfinite(time_s):
             raise ValueError(f"time_s: expected finite seconds, got {time_s}")
+        if camera is not None:
+            _check_camera(camera)
         if isinstance(detections, Detections):
             if descriptors is not None:
                 raise ValueError("descriptors: Detections carry their own; give them there")
@@ -191,3 +195,14 @@ class Tracker:
         tracks = self._rule.update(detections, time_s, camera, numbers, frame)
         self.given_back = tracks.given_back
         return tracks
+
+
+def _check_camera(affine: NDArray[np.float64]) -> None:
+    check_array("camera", affine, (2, 3), np.float64)
+    check_finite("camera", affine)
+    (a, b, _), (c, d, _) = affine.tolist()
+    growth = abs(a * d - b * c)
+    if not _LEAST_GROWTH <= growth <= 1 / _LEAST_GROWTH:
+        raise ValueError(
+            f"camera: expected an affine map that can be undone, got one that makes areas {growth:g} times"
+        )

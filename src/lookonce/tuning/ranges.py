@@ -65,7 +65,7 @@ _DETECTIONS = (
     SearchRange("birth_score", 0.1, 0.6),
     SearchRange("high_score", 0.2, 0.8),
     SearchRange("low_overlap", 0.1, 0.8),
-    _log("low_score_s", 0.05, 2.0),
+    _log("recent_s", 0.05, 2.0),
     SearchRange("safe_overlap", 0.2, 0.95),
     SearchRange("same_overlap", 0.3, 0.95),
     SearchRange("duplicate_overlap", 0.1, 0.9),
