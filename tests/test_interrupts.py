@@ -5,6 +5,8 @@ import pytest
 
 from lookonce.interrupts import interrupts_deferred
 
+pytestmark = pytest.mark.usefixtures("usual_interrupts")
+
 
 def test_an_interrupt_waits_for_the_end_of_the_block() -> None:
     done = []

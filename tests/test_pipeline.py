@@ -159,6 +159,7 @@ def test_missing_descriptors_are_explained(tmp_path: Path) -> None:
     assert len(list(lookonce.track(clip, tmp_path / "plain.onnx"))) == 2  # the default preset can do without
 
 
+@pytest.mark.usefixtures("usual_interrupts")
 def test_an_interrupt_in_mid_write_loses_no_sink_a_frame(square_clip: Path, square_model: Path) -> None:
     written: list[list[int]] = [[], []]
 
