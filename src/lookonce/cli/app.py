@@ -12,6 +12,7 @@ from typer.main import get_command
 from lookonce import __version__
 from lookonce.cli.compare_crops import fit_crops_command
 from lookonce.cli.comparing import compare_command
+from lookonce.cli.converting import convert_command
 from lookonce.cli.demo import demo_command
 from lookonce.cli.detecting import train_detector_command
 from lookonce.cli.downloading import models_app
@@ -40,6 +41,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command("convert", no_args_is_help=True)(convert_command)
 app.command("demo")(demo_command)
 app.command("track", no_args_is_help=True)(track_command)
 app.command("eval", no_args_is_help=True)(eval_command)

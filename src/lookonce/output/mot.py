@@ -9,7 +9,7 @@ import numpy as np
 from lookonce.boxes import xyxy_to_ltwh
 from lookonce.output.append_only import AppendOnlyFile
 from lookonce.output.sink import Sink
-from lookonce.structures import Tracks
+from lookonce.structures import GivenBack, Tracks
 from lookonce.video.frame import Frame
 
 __all__ = ["MotSink"]
@@ -48,18 +48,11 @@ class MotSink(Sink):
             _LINE.format(frame.index + 1, identity, *ltwh, score)
             for identity, ltwh, score in zip(ids, boxes, scores, strict=True)
         ]
-        back = tracks.given_back
-        lines += [
-            _LINE.format(index + 1, identity, *ltwh, score)
-            for index, identity, ltwh, score in zip(
-                back.frames.tolist(),
-                back.ids.tolist(),
-                xyxy_to_ltwh(back.xyxy).tolist(),
-                back.scores.tolist(),
-                strict=True,
-            )
-        ]
-        self._file.append("".join(lines).encode("ascii"))
+        self._file.append("".join([*lines, *_lines(tracks.given_back)]).encode("ascii"))
+
+    def write_rows(self, rows: GivenBack) -> None:
+        """Append rows of any frames in one piece."""
+        self._file.append("".join(_lines(rows)).encode("ascii"))
 
     @property
     def size(self) -> int:
@@ -69,3 +62,10 @@ class MotSink(Sink):
     def close(self) -> None:
         """Close the file; a second call does nothing."""
         self._file.close()
+
+
+def _lines(rows: GivenBack) -> list[str]:
+    columns = rows.frames.tolist(), rows.ids.tolist(), xyxy_to_ltwh(rows.xyxy).tolist(), rows.scores.tolist()
+    return [
+        _LINE.format(index + 1, identity, *ltwh, score) for index, identity, ltwh, score in zip(*columns, strict=True)
+    ]
