@@ -112,3 +112,15 @@ def test_tracks_give_the_rows_that_have_an_identity():
     assert [(t.id, t.label, t.name) for t in rows] == [(4, 1, "bus"), (1, 5, "5")]
     assert [t.xyxy.tolist() for t in rows] == [fields["xyxy"][0].tolist(), fields["xyxy"][2].tolist()]
     assert [t.score for t in rows] == [0.0, pytest.approx(0.2)]
+
+
+def test_identified_leaves_out_the_rows_without_identity() -> None:
+    boxes = np.array([[0, 0, 5, 5], [1, 1, 6, 6], [2, 2, 7, 7]], np.float32)
+    none = np.zeros(0, np.int64)
+    labels, scores = np.array([2, 1, 0]), np.array([0.1, 0.2, 0.3], np.float32)
+    tracks = Tracks(np.array([4, -1, 9]), boxes, scores, labels, none, boxes[:0], ("a", "b", "c"))
+    assert [(t.id, t.name, t.xyxy.tolist()) for t in tracks.identified()] == [
+        (4, "c", [0, 0, 5, 5]),
+        (9, "a", [2, 2, 7, 7]),
+    ]
+    assert len(tracks.identified()) == 2

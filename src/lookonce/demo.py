@@ -80,7 +80,7 @@ def run_demo(
             writer.write(image, shown.time_s)
             path = trails.update(shown.tracks, shown.time_s)
             if done == round(_FRAME_SHOWN * scene.frames):
-                _save(painter.draw(image, shown.tracks, path), files[2])
+                _save(painter.draw(image, shown.tracks.identified(), path), files[2])
             tracked.add(shown.index, shown.tracks)
             report(done, scene.frames)
     truth = stage.truth()

@@ -201,6 +201,12 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def identified(self) -> Tracks:
+        """The same with only the rows that have an identity; without the story, which goes by rows."""
+        rows = self.ids != NO_ID
+        own = self.ids[rows], self.xyxy[rows], self.scores[rows], self.labels[rows]
+        return Tracks(*own, self.unseen_ids, self.unseen_xyxy, self.names, self.given_back)
+
     def __iter__(self) -> Iterator[Track]:
         """The rows that have an identity."""
         for row in np.flatnonzero(self.ids != NO_ID):

@@ -16,7 +16,7 @@ __all__ = ["AnnotatedVideoSink"]
 
 
 class AnnotatedVideoSink(Sink):
-    """Writes the frames with boxes, ``name id score`` labels and short trails.
+    """Writes the frames with boxes, ``name id score`` labels and short trails; rows without identity are not drawn.
 
     Args:
         path: the video; its extension names the container.
@@ -41,7 +41,7 @@ class AnnotatedVideoSink(Sink):
     def write(self, frame: Frame, tracks: Tracks) -> None:
         """Append the frame with its tracks drawn in."""
         trails = self._trails.update(tracks, frame.time_s)
-        self._writer.write(self._painter.draw(frame.image, tracks, trails), frame.time_s)
+        self._writer.write(self._painter.draw(frame.image, tracks.identified(), trails), frame.time_s)
 
     def close(self) -> None:
         """Complete the video; a second call does nothing."""
