@@ -80,7 +80,7 @@ def test_other_contents_are_refused(tmp_path, stored, name, content, expected):
 def test_files_of_other_kinds_are_refused(tmp_path, content):
     path = tmp_path / "a.npz"
     path.write_bytes(content)
-    with pytest.raises(FormatError, match="no file of detections"):
+    with pytest.raises(FormatError, match="damaged, or no such file"):
         read_detections(path)
 
 
@@ -94,5 +94,5 @@ def test_truncated_file_is_refused(tmp_path, stored):
 
 def test_folder_that_cannot_be_made_is_named(tmp_path, stored):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="choose another folder"):
+    with pytest.raises(OutputError, match="choose another place"):
         write_detections(tmp_path / "file" / "a.npz", stored)

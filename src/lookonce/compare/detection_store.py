@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import io
-import os
-import zipfile
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.array_file import read_arrays, write_arrays
 from lookonce.compare.detections import DetectedSequence
-from lookonce.errors import FormatError, OutputError
+from lookonce.errors import FormatError
 from lookonce.video.opening import one_line
 
 __all__ = ["StoredDetections", "read_detections", "write_detections"]
@@ -75,16 +72,7 @@ def write_detections(path: Path, stored: StoredDetections) -> None:
     }
     if sequence.descriptors is not None:
         arrays["descriptors"] = sequence.descriptors
-    draft = path.with_suffix(f".{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with draft.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-        draft.replace(path)
-    except OSError as exc:
-        with suppress(OSError):
-            draft.unlink()
-        raise OutputError(f"{one_line(path)}: cannot be written ({exc.strerror}); choose another folder") from exc
+    write_arrays(path, arrays)
 
 
 def read_detections(path: Path) -> StoredDetections:
@@ -93,11 +81,7 @@ def read_detections(path: Path) -> StoredDetections:
     Raises:
         FormatError: it is something else, damaged, or too large.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            arrays = {name: _array(path, archive, name) for name in _names(path, archive)}
-    except (zipfile.BadZipFile, NotImplementedError, EOFError, OSError) as exc:
-        raise FormatError(one_line(path), 0, f"no file of detections ({exc}); {_REMEDY}") from exc
+    arrays = read_arrays(path, _DTYPES, _MAX_BYTES, _REMEDY)
     missing = [name for name in _DTYPES if name not in arrays and name != "descriptors"]
     if missing or arrays["version"].shape or int(arrays["version"]) != _VERSION:
         raise FormatError(
@@ -121,30 +105,3 @@ def read_detections(path: Path) -> StoredDetections:
         raise FormatError(one_line(path), 0, f"holds what cannot be detections ({exc}); {_REMEDY}") from exc
     height, width = size.tolist()
     return StoredDetections(sequence, float(seconds[0]), float(seconds[1]), (height, width))
-
-
-def _names(path: Path, archive: zipfile.ZipFile) -> list[str]:
-    """The arrays of the archive, all of them known and together not too large."""
-    members = archive.infolist()
-    names = [member.filename.removesuffix(".npy") for member in members]
-    if len(set(names)) < len(names) or not set(names) <= _DTYPES.keys():
-        raise FormatError(one_line(path), 0, f"holds other arrays than detections have; {_REMEDY}")
-    if sum(member.file_size for member in members) > _MAX_BYTES:
-        raise FormatError(one_line(path), 0, f"larger than {_MAX_BYTES // 1_000_000_000} GB; {_REMEDY}")
-    return names
-
-
-def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """One array, of the dtype that it should have, whose header promises no more than there is."""
-    member = archive.getinfo(f"{name}.npy")
-    data = io.BytesIO(archive.read(member))  # no more than file_size, or zipfile refuses
-    try:
-        if np.lib.format.read_magic(data) != (1, 0):
-            raise ValueError("another version of .npy")
-        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(cast("IO[bytes]", data))
-        values = np.frombuffer(data.getbuffer()[data.tell() :], np.uint8)
-        if is_fortran or dtype != np.dtype(_DTYPES[name]) or len(shape) > 2:
-            raise ValueError(f"expected {np.dtype(_DTYPES[name]).name}, got {dtype}")
-        return values.view(dtype).reshape(shape).copy()
-    except ValueError as exc:
-        raise FormatError(one_line(path), 0, f"array {name}: {exc}; {_REMEDY}") from exc
