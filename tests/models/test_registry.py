@@ -93,3 +93,13 @@ def test_digests_of_our_own_are_those_of_the_files_that_we_test_with(name, data_
         content = (data_folder / "weights" / file.name).read_bytes()
         assert len(content) == file.size_bytes
         assert hashlib.sha256(content).hexdigest() == file.digest.value
+
+
+def test_a_folder_with_the_name_of_a_shipped_model_does_not_hide_it(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = find_model("street")
+    (tmp_path / "street").mkdir()
+    assert find_model("street") == shipped
+    (tmp_path / "street").rmdir()
+    (tmp_path / "street").write_text("a file that somebody named so")
+    assert find_model("street").read_text().startswith("a file")

@@ -23,10 +23,11 @@ def find_model(model: str | os.PathLike[str]) -> Path:
         ModelError: there is no such file or name.
     """
     path = Path(model)
-    if path.exists():
-        return path
     shipped = shipped_models()
-    if str(model) in shipped:
+    is_shipped = str(model) in shipped
+    if path.exists() and not (is_shipped and path.is_dir()):  # somebody's folder may be called "street", too
+        return path
+    if is_shipped:
         return shipped[str(model)]
     if str(model) in known_models():
         raise ModelError(f"{path}: no such model file; get it with 'lookonce models get {path}', then name {path}.onnx")
