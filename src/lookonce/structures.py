@@ -157,11 +157,6 @@ class GivenBack:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def part(self, chosen: NDArray[np.bool_]) -> GivenBack:
-        """The chosen rows (G,)."""
-        rows = self.frames[chosen], self.rows[chosen], self.ids[chosen]
-        return GivenBack(*rows, self.xyxy[chosen], self.scores[chosen], self.labels[chosen])
-
     @classmethod
     def nothing(cls) -> GivenBack:
         """No rows."""
