@@ -36,10 +36,8 @@ def settle(
     open_pairs = np.flatnonzero(~is_alone)
     while len(open_pairs):
         row, column, weight = rows[open_pairs], columns[open_pairs], weights[open_pairs]
-        by_column = np.argsort(column, kind="stable")
-        others = _best_other(row, weight)
-        others[by_column] += _best_other(column[by_column], weight[by_column])
-        is_settled = weight > others + tolerance
+        row, column = row - row.min(), column - column.min()
+        is_settled = weight > _best_other(row, weight) + _best_other(column, weight) + tolerance
         if not is_settled.any():
             break
         settled.append(open_pairs[is_settled])
@@ -56,24 +54,23 @@ def is_single(values: NDArray[np.int64]) -> NDArray[np.bool_]:
     return once
 
 
-def _is_among(values: NDArray[np.int64], chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(P,) bool: which values are equal to one of those chosen; they lie close together."""
-    offset = values - values.min()
-    table = np.zeros(int(offset.max()) + 1, np.bool_)
-    table[offset[chosen]] = True
-    is_among: NDArray[np.bool_] = table[offset]
-    return is_among
+def _is_among(groups: NDArray[np.int64], chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(P,) bool: which pairs are in the group of one of those chosen; ``groups`` (P,) from 0, close together."""
+    table = np.zeros(int(groups.max()) + 1, np.bool_)
+    table[groups[chosen]] = True
+    return table[groups]
 
 
 def _best_other(groups: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For each pair the largest weight of the other pairs in its group, 0 without any; ``groups`` (P,) rising."""
-    starts = np.flatnonzero(np.diff(groups, prepend=groups[0] - 1))
-    sizes = np.diff(starts, append=len(groups))
-    largest = np.repeat(np.maximum.reduceat(weights, starts), sizes)
-    is_largest = weights == largest
-    twice = np.repeat(np.add.reduceat(is_largest.astype(np.int64), starts) > 1, sizes)
-    second = np.repeat(np.maximum.reduceat(np.where(is_largest, 0.0, weights), starts), sizes)
-    return np.where(is_largest & ~twice, second, largest)
+    """For each pair the largest weight of the other pairs in its group, 0 without any; ``groups`` as above."""
+    count = int(groups.max()) + 1
+    best, second = np.zeros(count), np.zeros(count)
+    np.maximum.at(best, groups, weights)
+    is_best = weights == best[groups]
+    np.maximum.at(second, groups, np.where(is_best, 0.0, weights))
+    is_shared = np.bincount(groups[is_best], minlength=count) > 1
+    second[is_shared] = best[is_shared]
+    return np.where(is_best, second[groups], best[groups])
 
 
 def components(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 __all__ = ["clip", "iou", "iou_of_pairs", "xyxy_to_ltwh"]
 
+_LEAST_AREA = float(np.finfo(np.float32).tiny)
+
 
 def xyxy_to_ltwh(xyxy: NDArray[np.float32]) -> NDArray[np.float32]:
     """Boxes ``xyxy (N, 4)`` as ``ltwh (N, 4)``, same dtype; 0 rows give 0 rows."""
@@ -57,11 +59,10 @@ def iou_of_pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.f
     >>> iou_of_pairs(np.array([[0, 0, 2.0, 2]]), np.array([[1, 0, 3.0, 2]])).round(3).tolist()
     [0.333]
     """
-    width = np.clip(np.minimum(a[:, 2], b[:, 2]) - np.maximum(a[:, 0], b[:, 0]), 0, None)
-    height = np.clip(np.minimum(a[:, 3], b[:, 3]) - np.maximum(a[:, 1], b[:, 1]), 0, None)
+    (left_a, top_a, right_a, bottom_a), (left_b, top_b, right_b, bottom_b) = a.T, b.T
+    width = np.maximum(np.minimum(right_a, right_b) - np.maximum(left_a, left_b), 0)
+    height = np.maximum(np.minimum(bottom_a, bottom_b) - np.maximum(top_a, top_b), 0)
     intersection = width * height
-    area_a, area_b = (a[:, 2] - a[:, 0]) * (a[:, 3] - a[:, 1]), (b[:, 2] - b[:, 0]) * (b[:, 3] - b[:, 1])
-    union = area_a + area_b - intersection
-    overlap: NDArray[np.float64] = np.zeros_like(intersection)
-    np.divide(intersection, union, out=overlap, where=union > 0)
+    union = (right_a - left_a) * (bottom_a - top_a) + (right_b - left_b) * (bottom_b - top_b) - intersection
+    overlap: NDArray[np.float64] = intersection / np.maximum(union, _LEAST_AREA)
     return overlap

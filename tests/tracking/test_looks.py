@@ -24,7 +24,7 @@ def _units(rng, count, size=16):
 
 
 def _remember(looks, slot, descriptor, now_s=0.0, clean=True):
-    looks.remember(np.array([slot]), quantize(np.array([descriptor], np.float32)), EVERY & clean, now_s)
+    looks.remember(np.array([slot]), quantize(np.array([descriptor], np.float32)), np.array([0]), EVERY & clean, now_s)
 
 
 def _distance(looks, slot, descriptor):
@@ -72,7 +72,7 @@ def test_distances_are_those_of_plain_lists(seed, views):
         noisy[rng.random(len(who)) < 0.1] = 0
         is_clean = rng.random(len(who)) < 0.7
         noisy = noisy.astype(np.float32)
-        looks.remember(slots[who], quantize(noisy), is_clean, frame * 0.04)
+        looks.remember(slots[who], quantize(noisy), np.arange(len(who)), is_clean, frame * 0.04)
         for one, descriptor, clean in zip(who, noisy, is_clean, strict=True):
             plain[one].remember(descriptor, frame * 0.04, clean)
         asked = np.vstack([_units(rng, 3), np.zeros((1, 16), np.float32)])
@@ -142,7 +142,8 @@ def test_slots_are_used_again_and_nothing_leaks():
         held += looks.take(int(rng.integers(0, 5))).tolist()
         assert len(set(held)) == len(held)
         if held:
-            looks.remember(np.array(held), quantize(_units(rng, len(held))), np.ones(len(held), np.bool_), frame)
+            rows, is_clean = np.arange(len(held)), np.ones(len(held), np.bool_)
+            looks.remember(np.array(held), quantize(_units(rng, len(held))), rows, is_clean, frame)
         while len(held) > 20:
             looks.release(np.array([held.pop(int(rng.integers(len(held))))]))
     assert len(looks.seen) == 64
@@ -158,7 +159,7 @@ def test_room_grows_and_keeps_what_is_there():
     faces = _units(rng, 200)
     slots = np.concatenate([looks.take(40) for _ in range(5)])
     assert sorted(slots.tolist()) == list(range(200))
-    looks.remember(slots[:3], quantize(faces[:3]), np.ones(3, np.bool_), 0.0)
+    looks.remember(slots[:3], quantize(faces[:3]), np.arange(3), np.ones(3, np.bool_), 0.0)
     looks.take(500)
     found = looks.distances(slots[:4], quantize(faces[:4]), np.arange(4))
     np.testing.assert_allclose(found, [0, 0, 0, np.inf], atol=1e-6)
@@ -168,7 +169,7 @@ def test_many_pairs_are_the_same_as_one_by_one():
     """More pairs than are compared at once."""
     rng, looks = np.random.default_rng(0), _looks(size=8)
     slots, faces = looks.take(100), quantize(_units(rng, 100, 8))
-    looks.remember(slots, faces, np.ones(100, np.bool_), 0.0)
+    looks.remember(slots, faces, np.arange(100), np.ones(100, np.bool_), 0.0)
     of_object, row = np.divmod(np.arange(10_000), 100)
     at_once = looks.distances(slots[of_object], faces, row)
     for pair in (0, 2047, 2048, 9_999):
@@ -203,5 +204,5 @@ def test_nothing_in_nothing_out():
     empty = quantize(np.zeros((0, 2), np.float32))
     assert looks.take(0).shape == (0,)
     assert looks.distances(none, empty, none).shape == (0,)
-    looks.remember(none, empty, np.zeros(0, np.bool_), 0.0)
+    looks.remember(none, empty, none, np.zeros(0, np.bool_), 0.0)
     looks.release(none)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lookonce.boxes import iou_of_pairs
 from lookonce.distances import Quantized
 from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.motion import squared_lengths
 from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import near_pairs
@@ -80,7 +81,7 @@ class Pairs:
 def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConfig) -> Pairs:
     """Pairs within reach. Gains are logarithms of likelihood ratios: this object against one anywhere in the crowd."""
     motions = objects.motions
-    height, longest = np.exp(motions.log_size[:, 1]), np.exp(motions.log_size.max(axis=1, initial=-np.inf))
+    width, height = np.exp(motions.log_size).T
     noise = (config.motion.place_noise * height) ** 2
     variance = motions.place_variance + noise
     may_jump = (objects.hits == 1) & (config.motion.jump_share > 0)
@@ -91,12 +92,12 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
     best = np.maximum(np.log(area / fast_variance) + config.appearance_limit, 0)
     reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2 * best)) * np.sqrt(fast_variance)
-    reach = np.maximum(reach, _TOUCHING_REACH * longest)
+    reach = np.maximum(reach, _TOUCHING_REACH * np.maximum(width, height))
     usable = np.flatnonzero(frame.is_usable)
     of_object, rows = near_pairs(motions.place, reach, frame.states[usable, :2])
     rows = usable[rows]
-    apart = frame.states[rows, :2] - motions.place[of_object]
-    squared = np.einsum("kd,kd->k", apart, apart)
+    states = frame.states.take(rows, axis=0)
+    squared = squared_lengths(states[:, :2] - motions.place.take(of_object, axis=0))
     gains, deviation = _place_gains(squared, area, variance, of_object)
     is_jump = may_jump[of_object]
     if is_jump.any():
@@ -104,11 +105,11 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
         fast_gains += math.log(config.motion.jump_share)
         is_jump &= fast_gains > gains
         gains, deviation = np.where(is_jump, fast_gains, gains), np.where(is_jump, fast_deviation, deviation)
-    resized = frame.states[rows, 2:] - motions.log_size[of_object]
+    resized = squared_lengths(states[:, 2:] - motions.log_size.take(of_object, axis=0))
     size_variance = (motions.size_variance + config.motion.size_noise**2)[of_object]
-    gains += np.maximum(-0.5 * np.einsum("kd,kd->k", resized, resized) / size_variance, _WORST_SIZE)
+    gains += np.maximum(-0.5 * resized / size_variance, _WORST_SIZE)
     gains -= config.class_penalty * (objects.labels[of_object] != frame.labels[rows])
-    overlap = iou_of_pairs(motions.boxes()[of_object], frame.xyxy[rows])
+    overlap = iou_of_pairs(motions.boxes().take(of_object, axis=0), frame.xyxy.take(rows, axis=0))
     return Pairs(of_object, rows, gains, overlap, deviation, is_jump, np.full(len(rows), np.nan))
 
 

@@ -108,14 +108,14 @@ class DefaultRule:
         ids, labels = self._answer(frame)
         self._end(step_s)
         is_new = self._begin(frame, is_clean, detections)
-        is_unseen = (self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)
-        unseen_boxes = self.objects.motions.boxes(is_unseen).astype(np.float32)
+        unseen = np.flatnonzero((self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s))
+        unseen_boxes = self.objects.motions.boxes(unseen).astype(np.float32)
         return Tracks(
             ids,
             detections.xyxy,
             detections.scores,
             labels,
-            self.objects.ids[is_unseen],
+            self.objects.ids[unseen],
             unseen_boxes,
             given_back=given_back,
             story=None if notes is None else tell(notes, ids, is_new, tuple(self._ended), self.config),
@@ -189,8 +189,8 @@ class DefaultRule:
         is_usable = keep_best(overlaps.above(config.same_overlap), order, is_usable, nobody)
         if is_usable.any():
             usable = xyxy[is_usable]
-            self.extent[:2] = np.minimum(self.extent[:2], usable[:, :2].min(axis=0))
-            self.extent[2:] = np.maximum(self.extent[2:], usable[:, 2:].max(axis=0))
+            np.minimum(self.extent[:2], usable[:, :2].min(axis=0), out=self.extent[:2])
+            np.maximum(self.extent[2:], usable[:, 2:].max(axis=0), out=self.extent[2:])
         return Frame(
             xyxy,
             box_states(detections.xyxy),
@@ -214,9 +214,12 @@ class DefaultRule:
         is_left_out: NDArray[np.bool_],
     ) -> None:
         """Give rows that have no object yet the best of the objects that may take them."""
+        may_rows = may_rows & (frame.object_of < 0)
+        if not may_rows.any():
+            return
         is_taken = np.zeros(len(self.objects), np.bool_)
         is_taken[frame.object_of[frame.object_of >= 0]] = True
-        is_open = (may_objects & ~is_taken)[pairs.objects] & (may_rows & (frame.object_of < 0))[pairs.rows]
+        is_open = (may_objects & ~is_taken)[pairs.objects] & may_rows[pairs.rows]
         chosen = np.flatnonzero(is_open & ~is_left_out)
         if not len(chosen):
             return
@@ -292,7 +295,7 @@ class DefaultRule:
         objects.motions.correct_(seen, frame.states[rows], self.config.motion)
         objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence, self.moving)
         if frame.looks is not None:
-            self.looks.remember(objects.slots[seen], frame.looks.part(rows), is_clean[rows], self.now_s)
+            self.looks.remember(objects.slots[seen], frame.looks, rows, is_clean, self.now_s)
         confirmed = np.flatnonzero(objects.is_real & (objects.ids == NO_ID))
         objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
         self.next_id += len(confirmed)
@@ -381,7 +384,7 @@ class DefaultRule:
         )
         self.objects = self.objects.joined(new)
         if frame.looks is not None:
-            self.looks.remember(slots, frame.looks.part(rows), is_clean[rows], self.now_s)
+            self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
             self._wait(serial, row, detections)
         return is_new

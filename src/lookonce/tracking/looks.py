@@ -12,7 +12,7 @@ from lookonce.distances import SCALE, Quantized
 __all__ = ["LATEST", "Looks", "median_of_three"]
 
 LATEST = 3  # descriptors of which the reference is the element-wise median, as in the paper's section 3.3
-_CHUNK = 4096  # comparisons at once: 8 MB of copies at 128 values
+_CHUNK = 1024  # pairs at once: 6 MB of copies at 128 values and four views
 
 
 class Looks:
@@ -95,20 +95,15 @@ class Looks:
             rows: (K,) of the pairs.
         """
         self.refresh(slots)
-        # Only what is there is compared: the reference, and so many views.
-        there = np.where(self.seen[slots] > 0, 1 + np.minimum(self.view_count[slots], self.views), 0)
-        pair = np.repeat(np.arange(len(slots)), there)
-        start = np.cumsum(there) - there
-        place = slots[pair] * (1 + self.views) + (np.arange(len(pair)) - start[pair])
-        kept, kept_squared = self.kept.reshape(-1, self.kept.shape[2]), self.kept_squared.reshape(-1)
-        apart = np.empty(len(pair))
-        for begin in range(0, len(pair), _CHUNK):
+        squared = np.empty(len(slots))
+        for begin in range(0, len(slots), _CHUNK):
             part = slice(begin, begin + _CHUNK)
-            products = np.einsum("kd,kd->k", kept[place[part]], descriptors.units[rows[pair[part]]])  # exact
-            apart[part] = kept_squared[place[part]] - 2 * products
-        squared = np.full(len(slots), np.inf)
-        if len(pair):
-            squared[there > 0] = np.minimum.reduceat(apart, start[there > 0])
+            products = np.einsum(  # exact
+                "kvd,kd->kv", self.kept.take(slots[part], axis=0), descriptors.units.take(rows[part], axis=0)
+            )
+            products *= -2.0
+            products += self.kept_squared[slots[part]]
+            np.min(products, axis=1, out=squared[part])
         lengths = descriptors.squared_lengths[rows]
         squared += lengths
         squared[lengths == 0] = np.inf
@@ -117,40 +112,48 @@ class Looks:
         return squared
 
     def remember(
-        self, slots: NDArray[np.int64], descriptors: Quantized, is_clean: NDArray[np.bool_], now_s: float
+        self,
+        slots: NDArray[np.int64],
+        descriptors: Quantized,
+        rows: NDArray[np.int64],
+        is_clean: NDArray[np.bool_],
+        now_s: float,
     ) -> None:
-        """Keep the descriptors of M rows for the objects in ``slots`` (M,).
+        """Keep the descriptors of the rows (M,) for the objects in ``slots`` (M,).
 
-        A row that is not clean is kept only where the object has none yet, to have something to go by.
+        A row that is not clean (N,) is kept only where the object has none yet, to have something to go by.
         """
-        wanted = (is_clean | (self.seen[slots] == 0)) & (descriptors.squared_lengths > 0)
-        slots, descriptors, is_clean = slots[wanted], descriptors.part(wanted), is_clean[wanted]
-        if not len(slots):
-            return
-        self.latest[slots, self.seen[slots] % LATEST] = descriptors.units
-        self.seen[slots] += 1
+        seen = self.seen[slots]
+        wanted = (is_clean[rows] | (seen == 0)) & (descriptors.squared_lengths[rows] > 0)
+        if not wanted.all():
+            slots, rows, seen = slots[wanted], rows[wanted], seen[wanted]
+        self.latest[slots, seen % LATEST] = descriptors.units[rows]
+        self.seen[slots] = seen + 1
         self._is_stale[slots] = True
-        is_due = is_clean & (self.view_s[slots] + self.interval_s <= now_s)
-        if self.views and is_due.any():
-            self._view(slots[is_due], descriptors.part(is_due), now_s)
+        if self.views:
+            due = np.flatnonzero(is_clean[rows] & (self.view_s[slots] + self.interval_s <= now_s))
+            if len(due):
+                self._view(slots[due], descriptors.part(rows[due]), now_s)
 
     def refresh(self, slots: NDArray[np.int64]) -> None:
         """Bring the references of objects up to date: only when somebody asks, because most never are asked for."""
-        stale = np.unique(slots[self._is_stale[slots]])
+        stale = slots[self._is_stale[slots]]
         if not len(stale):
             return
         self._is_stale[stale] = False
+        if len(stale) > 1:
+            stale = np.unique(stale)
         latest, seen = self.latest[stale], self.seen[stale]
-        units = latest[np.arange(len(stale)), (seen - 1) % LATEST]
-        has_three = seen >= LATEST
-        units[has_three] = median_of_three(*np.moveaxis(latest[has_three], 1, 0))
-        references = Quantized.of(units)
-        self.kept[stale, 0] = references.units
-        self.kept_squared[stale, 0] = references.squared_lengths
+        references = median_of_three(latest[:, 0], latest[:, 1], latest[:, 2])
+        young = np.flatnonzero(seen < LATEST)
+        if len(young):
+            references[young] = latest[young, seen[young] - 1]
+        self.kept[stale, 0] = references
+        self.kept_squared[stale, 0] = np.einsum("sd,sd->s", references, references)
 
     def _view(self, slots: NDArray[np.int64], descriptors: Quantized, now_s: float) -> None:
-        products = np.einsum("kgd,kd->kg", self.kept[slots, 1:], descriptors.units)
-        apart = self.kept_squared[slots, 1:] - 2 * products + descriptors.squared_lengths[:, None]
+        products = np.einsum("kgd,kd->kg", self.kept.take(slots, axis=0)[:, 1:], descriptors.units)
+        apart = self.kept_squared.take(slots, axis=0)[:, 1:] - 2 * products + descriptors.squared_lengths[:, None]
         is_new = apart.min(axis=1) > (self.apart * SCALE) ** 2
         self.view_s[slots] = now_s
         slots = slots[is_new]

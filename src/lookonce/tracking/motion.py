@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 
-__all__ = ["MotionConfig", "Motions", "box_states"]
+__all__ = ["MotionConfig", "Motions", "box_states", "squared_lengths"]
 
 _F = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class Motions:
         """Changes the filters to what is to be expected ``step_s`` later; ``is_unseen`` (P,) before the step."""
         squared_height = np.exp(2 * self.log_size[:, 1])
         noise = (config.acceleration**2) * squared_height
-        noise += (config.acceleration_share**2) * np.einsum("pd,pd->p", self.velocity, self.velocity)
+        noise += (config.acceleration_share**2) * squared_lengths(self.velocity)
         self.place += self.velocity * step_s
         slowing = np.where(is_unseen, np.exp(-step_s / config.slow_down_s), 1.0)
         self.velocity *= slowing[:, None]
@@ -113,15 +113,17 @@ class Motions:
         variance, covariance = self.place_variance[objects], self.covariance[objects]
         total = variance + (config.place_noise * np.exp(states[:, 3])) ** 2
         place_gain, velocity_gain = variance / total, covariance / total
-        surprise = states[:, :2] - self.place[objects]
-        self.place[objects] += place_gain[:, None] * surprise
-        self.velocity[objects] += velocity_gain[:, None] * surprise
+        place = self.place.take(objects, axis=0)
+        surprise = states[:, :2] - place
+        self.place[objects] = place + place_gain[:, None] * surprise
+        self.velocity[objects] = self.velocity.take(objects, axis=0) + velocity_gain[:, None] * surprise
         self.place_variance[objects] = variance - place_gain * variance
         self.covariance[objects] = covariance - place_gain * covariance
         self.velocity_variance[objects] -= velocity_gain * covariance
         size_gain = self.size_variance[objects]
         size_gain = size_gain / (size_gain + config.size_noise**2)
-        self.log_size[objects] += size_gain[:, None] * (states[:, 2:] - self.log_size[objects])
+        log_size = self.log_size.take(objects, axis=0)
+        self.log_size[objects] = log_size + size_gain[:, None] * (states[:, 2:] - log_size)
         self.size_variance[objects] *= 1 - size_gain
 
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
@@ -144,10 +146,24 @@ class Motions:
         self.velocity = self.velocity @ linear.T
         self.log_size += 0.5 * np.log(abs(np.linalg.det(linear)))
 
-    def boxes(self, chosen: NDArray[np.bool_] | slice = slice(None)) -> _F:
-        """(P, 4) float64 xyxy where the (chosen) objects are believed to be."""
-        half, place = np.exp(self.log_size[chosen]) / 2, self.place[chosen]
-        return np.concatenate([place - half, place + half], axis=1)
+    def boxes(self, objects: NDArray[np.intp] | None = None) -> _F:
+        """(M, 4) float64 xyxy where ``objects`` (M,), by default all, are believed to be."""
+        log_size, place = self.log_size, self.place
+        if objects is not None:
+            log_size, place = log_size.take(objects, axis=0), place.take(objects, axis=0)
+        half = np.exp(log_size) / 2
+        boxes = np.empty((len(place), 4))
+        np.subtract(place, half, out=boxes[:, :2])
+        np.add(place, half, out=boxes[:, 2:])
+        return boxes
+
+
+def squared_lengths(vectors: _F) -> _F:
+    """(N,) of N vectors (N, 2)."""
+    x, y = vectors.T
+    squared: _F = x * x
+    squared += y * y
+    return squared
 
 
 def box_states(xyxy: NDArray[np.float32]) -> _F:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 from lookonce.structures import NO_ID
-from lookonce.tracking.motion import MotionConfig, Motions
+from lookonce.tracking.motion import MotionConfig, Motions, squared_lengths
 
 __all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 
@@ -61,8 +63,9 @@ class MovingScores:
             return
         self.count = min(self.count + len(scores), _REMEMBERED)
         weight = min(1.0, len(scores) / self.count)
-        change = float(scores.mean()) - self.mean
-        spread = float(scores.var()) + (1 - weight) * change**2
+        mean = float(np.add.reduce(scores)) / len(scores)
+        change, apart = mean - self.mean, scores - mean
+        spread = float(np.add.reduce(apart * apart)) / len(scores) + (1 - weight) * change**2
         self.mean += weight * change
         self.squares += weight * (spread - self.squares)
 
@@ -144,7 +147,8 @@ class Objects:
 
     def part(self, chosen: NDArray[np.bool_]) -> Objects:
         """The chosen objects (P,)."""
-        return _each(lambda values: values[chosen], self)
+        places = np.flatnonzero(chosen)
+        return _each(lambda values: values.take(places, axis=0), self)
 
     def joined(self, others: Objects) -> Objects:
         """These objects, then the others."""
@@ -160,27 +164,25 @@ class Objects:
         moving: MovingScores,
     ) -> None:
         """Changes ``objects`` (M,) and ``moving`` by what was seen of them; places are corrected before."""
-        fading = np.exp((self.seen_s[objects] - now_s) / config.score_memory_s)
-        self.hits[objects] += 1
+        faded = self.score_peak[objects] * np.exp((self.seen_s[objects] - now_s) / config.score_memory_s)
         self.seen_s[objects] = now_s
-        hits = self.hits[objects]
-        self.score_mean[objects] += (scores - self.score_mean[objects]) / np.minimum(hits, 3)
+        self.hits[objects] = hits = self.hits[objects] + 1
+        mean = self.score_mean[objects]
+        self.score_mean[objects] = mean = mean + (scores - mean) / np.minimum(hits, 3)
         has_enough = hits >= config.hits
-        peak = np.where(has_enough, self.score_mean[objects], 0.0)
-        self.score_peak[objects] = np.maximum(peak, self.score_peak[objects] * fading)
+        self.score_peak[objects] = peak = np.maximum(np.where(has_enough, mean, 0.0), faded)
         self._travel_(objects, now_s, config)
-        is_moving = (self.travels[objects] >= config.travels) & (
-            now_s - self.travel_s[objects] <= config.travel_memory_s
-        )
+        is_moving = self.travels[objects] >= config.travels
+        is_moving &= now_s - self.travel_s[objects] <= config.travel_memory_s
         moving.add(scores[is_moving])
-        self.is_real[objects] = has_enough & ((self.score_peak[objects] >= moving.enough(config)) | is_moving)
+        self.is_real[objects] = has_enough & ((peak >= moving.enough(config)) | is_moving)
         self._vote_(objects, labels, scores)
 
     def _travel_(self, objects: NDArray[np.int64], now_s: float, config: EvidenceConfig) -> None:
-        place = self.motions.place[objects]
-        way = place - self.anchor[objects]
-        size = np.exp(self.motions.log_size[objects].sum(axis=1))  # px²
-        has_arrived = np.einsum("md,md->m", way, way) > config.travel**2 * size
+        place = self.motions.place.take(objects, axis=0)
+        log_width, log_height = self.motions.log_size.take(objects, axis=0).T
+        squared_way = squared_lengths(place - self.anchor.take(objects, axis=0))
+        has_arrived = squared_way > config.travel**2 * np.exp(log_width + log_height)
         if has_arrived.any():
             arrived = objects[has_arrived]
             self.anchor[arrived] = place[has_arrived]
@@ -197,14 +199,12 @@ class Objects:
         self.votes[objects] = np.minimum(np.abs(votes), _MOST_VOTES)
 
 
-def _each(function, first: Objects, *others: Objects) -> Objects:  # type: ignore[no-untyped-def]
-    """Objects made array by array."""
-    motions = Motions(
-        *(
-            function(getattr(first.motions, f.name), *(getattr(o.motions, f.name) for o in others))
-            for f in fields(Motions)
-        )
-    )
-    names = [f.name for f in fields(Objects) if f.name != "motions"]
-    arrays = {name: function(getattr(first, name), *(getattr(o, name) for o in others)) for name in names}
-    return Objects(**arrays, motions=motions)
+_MOTIONS = tuple(f.name for f in fields(Motions))
+_OWN = tuple(f.name for f in fields(Objects) if f.name != "motions")
+
+
+def _each(function: Callable[..., NDArray[Any]], *groups: Objects) -> Objects:
+    """Objects made array by array from one or more others."""
+    motions = Motions(*[function(*[getattr(one.motions, name) for one in groups]) for name in _MOTIONS])
+    own = {name: function(*[getattr(one, name) for one in groups]) for name in _OWN}
+    return Objects(**own, motions=motions)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.boxes import iou_of_pairs
-from lookonce.tracking.pairs import near_pairs
+from lookonce.tracking.pairs import near_pairs, true_places
 
 __all__ = ["Overlaps", "keep_best", "overlaps_of"]
 
@@ -39,9 +39,9 @@ def overlaps_of(xyxy: NDArray[np.float64]) -> Overlaps:
     """The overlapping pairs among boxes ``xyxy`` (N, 4)."""
     if len(xyxy) <= _DENSE:
         left, top, right, bottom = xyxy.T
-        is_meeting = (left[:, None] < right) & (right[:, None] > left)
-        is_meeting &= (top[:, None] < bottom) & (bottom[:, None] > top)
-        low, high = np.nonzero(is_meeting)
+        starts_before = left[:, None] < right
+        starts_above = top[:, None] < bottom
+        low, high = true_places(starts_before & starts_before.T & starts_above & starts_above.T)
         is_first = low < high
         low, high = low[is_first], high[is_first]
         return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(LEAST_OVERLAP)

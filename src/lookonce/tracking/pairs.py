@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["near_pairs"]
+__all__ = ["near_pairs", "true_places"]
 
 _DENSE = 1 << 14  # up to so many combinations comparing all is faster than a grid
 _SLACK = 1e-9
@@ -30,9 +30,14 @@ def near_pairs(
         limit = reach[:, None]
         is_near = np.abs(places[:, :1] - points[:, 0]) <= limit
         is_near &= np.abs(places[:, 1:] - points[:, 1]) <= limit
-        rows, columns = np.nonzero(is_near)
-        return rows, columns
+        return true_places(is_near)
     return _by_grid(places, reach, points)
+
+
+def true_places(matrix: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (K,) where a matrix (R, C) is true: ``np.nonzero``, faster."""
+    (places,) = matrix.ravel().nonzero()
+    return _unravelled(places, matrix.shape[1])
 
 
 def _by_grid(
@@ -42,34 +47,46 @@ def _by_grid(
     low = points.min(axis=0)
     span = points.max(axis=0) - low
     wide = reach * (1 + _SLACK) + _SLACK * float(span.max())  # what rounding adds is taken away at the end
-    size = max(2 * float(np.median(wide)), float(2 * wide.max() / _LONGEST_STRIP), float(span[1]) / _MOST_STRIPS, 1e-9)
+    middle = float(np.partition(wide, len(wide) // 2)[len(wide) // 2])
+    size = max(2 * middle, float(2 * wide.max() / _LONGEST_STRIP), float(span[1]) / _MOST_STRIPS, 1e-9)
     strip = np.floor((points[:, 1] - low[1]) / size)
     last = float(strip.max())
     pad = max(float(span[0]), 1.0)  # between the runs of two strips lies nothing for 3 pads
     key = strip * (4 * pad) + (points[:, 0] - low[0])
     order = np.argsort(key, kind="stable")
     key = key[order]
-    first = np.clip(np.floor((places[:, 1] - wide - low[1]) / size), 0, last + 1).astype(np.intp)
-    end = np.clip(np.floor((places[:, 1] + wide - low[1]) / size), -1, last).astype(np.intp) + 1
+    x, y = places[:, 0] - low[0], places[:, 1] - low[1]
+    first = _between(np.floor((y - wide) / size), 0, last + 1).astype(np.intp)
+    end = _between(np.floor((y + wide) / size), -1, last).astype(np.intp) + 1
     rows, strips = _expanded(first, end)
     origin = strips * (4 * pad)
-    left = np.clip(places[rows, 0] - wide[rows] - low[0], -pad, 2 * pad)
-    right = np.clip(places[rows, 0] + wide[rows] - low[0], -pad, 2 * pad)
+    left, right = _between(x - wide, -pad, 2 * pad)[rows], _between(x + wide, -pad, 2 * pad)[rows]
     runs, positions = _expanded(
         np.searchsorted(key, origin + left, side="left"), np.searchsorted(key, origin + right, side="right")
     )
     rows, columns = rows[runs], order[positions]
-    near = np.abs(places[rows, 0] - points[columns, 0]) <= reach[rows]
-    near &= np.abs(places[rows, 1] - points[columns, 1]) <= reach[rows]
-    rows, columns = rows[near], columns[near]
-    rising = np.lexsort((columns, rows))
-    return rows[rising], columns[rising]
+    apart = np.abs(places.take(rows, axis=0) - points.take(columns, axis=0))
+    near = np.maximum(apart[:, 0], apart[:, 1]) <= reach[rows]
+    code = rows[near] * len(points) + columns[near]
+    code.sort()
+    return _unravelled(code, len(points))
+
+
+def _between(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+    """``np.clip``, faster."""
+    return np.minimum(np.maximum(values, low), high)
+
+
+def _unravelled(places: NDArray[np.intp], columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of places in a matrix of so many columns."""
+    rows = places // max(columns, 1)
+    return rows, places - rows * columns
 
 
 def _expanded(begin: NDArray[np.intp], end: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """For each row i the numbers ``begin[i]`` to ``end[i]`` - 1: the row of each, and the number."""
     counts = np.maximum(end - begin, 0)
-    rows = np.repeat(np.arange(len(counts)), counts)
+    rows = np.arange(len(counts)).repeat(counts)
     numbers = np.arange(len(rows))
-    numbers += np.repeat(begin - (np.cumsum(counts) - counts), counts)
+    numbers += (begin - (counts.cumsum() - counts))[rows]
     return rows, numbers
