@@ -30,19 +30,40 @@ def settle(
         weights: (P,) float64, above 0; a row or a column may stay without pair.
         tolerance: choices that weigh so little less than the best are taken as good as it.
     """
-    # Most pairs are alone, which is faster to see than what follows.
-    is_alone = is_single(rows) & is_single(columns) & (weights > tolerance)
-    settled = [np.flatnonzero(is_alone)]
-    open_pairs = np.flatnonzero(~is_alone)
+    open_pairs, weight = np.arange(len(rows)), weights
+    settled = [open_pairs[:0]]
+    if len(rows):
+        row, column = rows - rows.min(), columns - columns.min()
+        ends = np.stack([row, column + (row.max() + 1)])  # of each pair, among rows and columns together
     while len(open_pairs):
-        row, column, weight = rows[open_pairs], columns[open_pairs], weights[open_pairs]
-        row, column = row - row.min(), column - column.min()
-        is_settled = weight > _best_other(row, weight) + _best_other(column, weight) + tolerance
+        is_settled = weight > _others(ends, weight) + tolerance
         if not is_settled.any():
             break
         settled.append(open_pairs[is_settled])
-        open_pairs = open_pairs[~(_is_among(row, is_settled) | _is_among(column, is_settled))]
+        is_taken = np.zeros(int(ends.max()) + 1, np.bool_)
+        is_taken[ends[:, is_settled]] = True
+        is_left = ~is_taken[ends].any(axis=0)
+        open_pairs, weight, ends = open_pairs[is_left], weight[is_left], ends[:, is_left]
     return np.sort(np.concatenate(settled)), open_pairs
+
+
+def _others(ends: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P,): for each pair the largest other weight at its row and the largest other one at its column, together.
+
+    Args:
+        ends: (2, P) int64, the row and the column of each pair; no number is of both.
+        weights: (P,) float64, above 0.
+    """
+    nodes, both = ends.ravel(), np.concatenate([weights, weights])
+    count = int(nodes.max()) + 1
+    best, second = np.zeros(count), np.zeros(count)
+    np.maximum.at(best, nodes, both)
+    is_best = both == best[nodes]
+    np.maximum.at(second, nodes, np.where(is_best, 0.0, both))
+    is_shared = np.bincount(nodes[is_best], minlength=count) > 1
+    second[is_shared] = best[is_shared]
+    others = np.where(is_best, second[nodes], best[nodes])
+    return others[: len(weights)] + others[len(weights) :]
 
 
 def is_single(values: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -52,25 +73,6 @@ def is_single(values: NDArray[np.int64]) -> NDArray[np.bool_]:
     offset = values - values.min()
     once: NDArray[np.bool_] = np.bincount(offset)[offset] == 1
     return once
-
-
-def _is_among(groups: NDArray[np.int64], chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(P,) bool: which pairs are in the group of one of those chosen; ``groups`` (P,) from 0, close together."""
-    table = np.zeros(int(groups.max()) + 1, np.bool_)
-    table[groups[chosen]] = True
-    return table[groups]
-
-
-def _best_other(groups: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For each pair the largest weight of the other pairs in its group, 0 without any; ``groups`` as above."""
-    count = int(groups.max()) + 1
-    best, second = np.zeros(count), np.zeros(count)
-    np.maximum.at(best, groups, weights)
-    is_best = weights == best[groups]
-    np.maximum.at(second, groups, np.where(is_best, 0.0, weights))
-    is_shared = np.bincount(groups[is_best], minlength=count) > 1
-    second[is_shared] = best[is_shared]
-    return np.where(is_best, second[groups], best[groups])
 
 
 def components(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:

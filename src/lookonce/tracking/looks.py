@@ -97,13 +97,12 @@ class Looks:
         self.refresh(slots)
         squared = np.empty(len(slots))
         for begin in range(0, len(slots), _CHUNK):
-            part = slice(begin, begin + _CHUNK)
-            products = np.einsum(  # exact
-                "kvd,kd->kv", self.kept.take(slots[part], axis=0), descriptors.units.take(rows[part], axis=0)
-            )
-            products *= -2.0
-            products += self.kept_squared[slots[part]]
-            np.min(products, axis=1, out=squared[part])
+            places = slots[begin : begin + _CHUNK]
+            there = 1 + min(int(self.view_count[places].max()), self.views)  # the reference, and so many views
+            units = descriptors.units[rows[begin : begin + _CHUNK]]
+            apart = -2.0 * np.einsum("kvd,kd->kv", self.kept[places, :there], units)  # exact
+            apart += self.kept_squared[places, :there]
+            squared[begin : begin + _CHUNK] = apart.min(axis=1)
         lengths = descriptors.squared_lengths[rows]
         squared += lengths
         squared[lengths == 0] = np.inf
