@@ -283,13 +283,37 @@ def test_wrong_first_class_is_outvoted_and_rows_given_back_have_the_right_one():
 # --- leaving ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(("others", "size"), [(1, (200, 310)), (1, None), (9, None), (9, (200, 900)), (0, (200, 310))])
 @pytest.mark.parametrize("leave_s", [0.5, 100.0])
-def test_who_enters_where_another_left_gets_a_new_id(leave_s):
-    """One walks out to the right; somebody enters there 0.7 s later. Whoever left is not waited for."""
-    config = replace(BOXES, leave_s=leave_s)
-    leaving = [seen((240 + 2 * n, 100), (20, 100)) for n in range(31)]
-    away, entering = [seen((20, 100))] * 16, [seen((304 - 2 * n, 100), (20, 100)) for n in range(5)]
-    assert _last([*leaving, *away, *entering], config) == ([3, 2] if leave_s == 0.5 else [1, 2])
+def test_who_enters_where_another_left_gets_a_new_id(leave_s, others, size):
+    """One walks out to the right; somebody enters there 0.7 s later. Whoever left is not waited for.
+
+    Where the border is says the picture's size, or after ten objects where boxes have been.
+    """
+    standing = [(20.0 + 25 * k, 20.0) for k in range(others)]
+    leaving = [seen((240 + 2 * n, 100), *standing) for n in range(31)]
+    away, entering = [seen(*standing)] * 16, [seen((304 - 2 * n, 100), *standing) for n in range(5)]
+    tracker = Tracker(replace(BOXES, leave_s=leave_s))
+    for number, frame in enumerate([*leaving, *away, *entering]):
+        ids = tracker.update(frame, number * STEP_S, size=size).ids.tolist()
+    has_left = leave_s == 0.5 and (size == (200, 310) or (size is None and others == 9))
+    assert ids == [others + 2 if has_left else 1, *range(2, others + 2)]
+
+
+@pytest.mark.parametrize("size", [None, (480, 640)])
+def test_who_hides_alone_in_the_picture_has_not_left(size):
+    tracker = Tracker(BOXES)
+    walking = [seen((100 + 3 * n, 100)) for n in range(60)]
+    for number, frame in enumerate([*walking[:20], *[seen()] * 30, *walking[50:]]):
+        tracks = tracker.update(frame, number * STEP_S, size=size)
+        assert tracks.unseen_ids.tolist() == ([1] if 20 <= number < 50 else [])
+    assert tracks.ids.tolist() == [1]
+
+
+@pytest.mark.parametrize("size", [(0, 10), (10, -1), (10,), (1, 2, 3)])
+def test_size_of_no_picture_is_refused(size):
+    with pytest.raises(ValueError, match="size: expected"):
+        Tracker(BOXES).update(seen(LEFT), size=size)
 
 
 # --- camera ----------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lookonce.boxes import iou
-from lookonce.tracking.overlapping import LEAST_OVERLAP, Overlaps, keep_best, overlaps_of
+from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of
 
 
 def _random_boxes(rng, count, area=300.0):
@@ -14,10 +14,10 @@ def _random_boxes(rng, count, area=300.0):
     return np.concatenate([corner, corner + rng.uniform(5, 80, (count, 2))], axis=1)
 
 
-def _check(boxes):
+def _check(boxes, least=0.2):
     matrix = iou(boxes, boxes)
-    expected = [(a, b) for a in range(len(boxes)) for b in range(a + 1, len(boxes)) if matrix[a, b] > LEAST_OVERLAP]
-    found = overlaps_of(boxes)
+    expected = [(a, b) for a in range(len(boxes)) for b in range(a + 1, len(boxes)) if matrix[a, b] > least]
+    found = overlaps_of(boxes, least)
     assert list(zip(found.a.tolist(), found.b.tolist(), strict=True)) == expected
     np.testing.assert_allclose(found.overlap, [matrix[a, b] for a, b in expected], rtol=1e-12)
 
@@ -25,7 +25,9 @@ def _check(boxes):
 @pytest.mark.parametrize("count", [0, 1, 2, 20, 127, 128, 129, 200])
 @pytest.mark.parametrize("seed", range(3))
 def test_pairs_are_those_of_all_with_all(seed, count):
-    _check(_random_boxes(np.random.default_rng(seed), count))
+    boxes = _random_boxes(np.random.default_rng(seed), count)
+    for least in (0.0, 0.2, 0.5):
+        _check(boxes, least)
 
 
 @pytest.mark.parametrize("count", [5, 150])
@@ -61,7 +63,7 @@ def _plain_best(pairs, order, is_wanted, is_set):
 @pytest.mark.parametrize("seed", range(20))
 def test_best_are_kept_as_one_by_one(seed):
     rng = np.random.default_rng(seed)
-    overlaps = overlaps_of(_random_boxes(rng, 40, 150.0)).above(0.3)
+    overlaps = overlaps_of(_random_boxes(rng, 40, 150.0), 0.3)
     order, is_wanted, is_set = rng.permutation(40), rng.random(40) < 0.7, rng.random(40) < 0.2
     pairs = list(zip(overlaps.a.tolist(), overlaps.b.tolist(), strict=True))
     expected = _plain_best(pairs, order.tolist(), is_wanted, is_set)
@@ -79,5 +81,5 @@ def test_who_yields_makes_nobody_yield():
 
 
 def test_nobody_wanted_and_nobody_there():
-    none = overlaps_of(np.zeros((0, 4)))
+    none = overlaps_of(np.zeros((0, 4)), 0.2)
     assert keep_best(none, np.zeros(0, np.int64), np.zeros(0, np.bool_), np.zeros(0, np.bool_)).shape == (0,)

@@ -10,9 +10,6 @@ be taken, and of each frame the choice with the largest sum is.
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,22 +24,13 @@ from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import MovingScores, Objects
 from lookonce.tracking.overlapping import keep_best, overlaps_of
+from lookonce.tracking.waiting import Waiting, WaitingRow
 
 __all__ = ["DefaultRule"]
 
 _LEAST_STEP_S = 1e-3
+_BORDERS = 10  # objects: where so many have been says where the picture ends
 _TOUCHING = 0.1  # overlap from which a second candidate makes a pair ambiguous
-
-
-@dataclass(frozen=True, slots=True)
-class WaitingRow:
-    """A row of an object that is not confirmed yet: its frame, its place there, box (4,) float32, score, label."""
-
-    frame: int
-    row: int
-    xyxy: NDArray[np.float32]
-    score: float
-    label: int
 
 
 class DefaultRule:
@@ -52,7 +40,7 @@ class DefaultRule:
         self.config = config
         self.objects = _nobody(config)
         self.looks = Looks(config.views, config.view_apart, config.view_interval_s)
-        self.waiting: dict[int, deque[WaitingRow]] = {}
+        self.waiting = Waiting(config.given_back_rows)
         self.next_id = 1
         self.next_serial = 0
         self.frame = -1
@@ -73,6 +61,7 @@ class DefaultRule:
         detections: Detections,
         time_s: float | None = None,
         camera: NDArray[np.float64] | None = None,
+        size: tuple[int, int] | None = None,
         numbers: NDArray[np.int64] | None = None,
         frame_number: int | None = None,
     ) -> Tracks:
@@ -83,6 +72,7 @@ class DefaultRule:
             time_s: on any clock that goes forward; a time that does not counts as a millisecond later. None: as if
                 the frames came at the configured rate.
             camera: (2, 3) affine, how the picture moved since the frame before, px; None: it did not.
+            size: (height, width) of the picture, px; None: its border is where boxes were, after ten objects.
             numbers: (N,) what rows that are given back later are called; by default their places.
             frame_number: and their frame; by default the number of this update, from 0.
 
@@ -106,7 +96,7 @@ class DefaultRule:
         notes = self._note(frame, pairs, step_s) if self.explains else None
         given_back = self._see(frame, is_clean, detections)
         ids, labels = self._answer(frame)
-        self._end(step_s)
+        self._end(step_s, size)
         is_new = self._begin(frame, is_clean, detections)
         unseen = np.flatnonzero((self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s))
         unseen_boxes = self.objects.motions.boxes(unseen).astype(np.float32)
@@ -181,7 +171,8 @@ class DefaultRule:
         if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
             self.looks.check_size(detections.descriptors.shape[1])
             looks = quantize(detections.descriptors)
-        overlaps = overlaps_of(xyxy)
+        least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
+        overlaps = overlaps_of(xyxy, least)
         is_usable = scores >= config.low_score
         nobody = np.zeros(len(scores), np.bool_)
         has_no_look = nobody if looks is None else looks.squared_lengths == 0
@@ -302,29 +293,14 @@ class DefaultRule:
         is_waiting = ~objects.is_real[seen]
         for row, place in zip(rows[is_waiting].tolist(), seen[is_waiting].tolist(), strict=True):
             self._wait(int(objects.serials[place]), row, detections)
-        return self._give_back(seen[~is_waiting]) if self.waiting else GivenBack.nothing()
+        real = seen[~is_waiting]
+        return self.waiting.give_back(objects.serials[real], objects.ids[real], objects.labels[real])
 
     def _wait(self, serial: int, row: int, detections: Detections) -> None:
-        rows = self.waiting.setdefault(serial, deque(maxlen=self.config.given_back_rows))
-        score, label = float(detections.scores[row]), int(detections.labels[row])
         number = row if self._numbers is None else int(self._numbers[row])
-        rows.append(WaitingRow(self._frame_number, number, detections.xyxy[row].copy(), score, label))
-
-    def _give_back(self, real: NDArray[np.int64]) -> GivenBack:
-        back: list[tuple[int, int, WaitingRow]] = []
-        for place, serial in zip(real.tolist(), self.objects.serials[real].tolist(), strict=True):
-            rows = self.waiting.pop(serial, ())
-            back += [(int(self.objects.ids[place]), int(self.objects.labels[place]), row) for row in rows]
-        if not back:
-            return GivenBack.nothing()
-        return GivenBack(
-            np.array([row.frame for _, _, row in back]),
-            np.array([row.row for _, _, row in back]),
-            np.array([identity for identity, _, _ in back]),
-            np.array([row.xyxy for _, _, row in back], np.float32),
-            np.array([row.score for _, _, row in back], np.float32),
-            np.array([label for _, label, _ in back]),
-        )
+        score, label = float(detections.scores[row]), int(detections.labels[row])
+        box = detections.xyxy[row].copy()
+        self.waiting.add(serial, WaitingRow(self._frame_number, number, box, score, label))
 
     def _answer(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Ids and labels (N,) of all rows."""
@@ -337,15 +313,13 @@ class DefaultRule:
             labels[rows] = self.objects.labels[frame.object_of[rows]]
         return ids, labels
 
-    def _end(self, step_s: float) -> None:
+    def _end(self, step_s: float, size: tuple[int, int] | None) -> None:
         """Forget whom nobody has seen for too long, or who has left the picture."""
         objects, config = self.objects, self.config
         unseen_s = self.now_s - objects.seen_s
         tentative_s = max(config.tentative_s, 1.01 * step_s)
         is_over = unseen_s > np.where(objects.is_real, config.memory_s, tentative_s)
-        place = objects.motions.place
-        is_beyond = (place < self.extent[:2]) | (place > self.extent[2:])
-        is_outside = is_beyond[:, 0] | is_beyond[:, 1]
+        is_outside = self._are_outside(size)
         is_over |= is_outside & (unseen_s > config.leave_s)
         if not is_over.any():
             return
@@ -355,14 +329,24 @@ class DefaultRule:
             self._note_ends(is_over, [left if one else then for one, then in zip(is_outside, unseen, strict=True)])
         self._forget(is_over)
 
+    def _are_outside(self, size: tuple[int, int] | None) -> NDArray[np.bool_]:
+        """(P,) bool: objects that are believed to be beyond the border of the picture."""
+        place = self.objects.motions.place
+        low, high = self.extent[:2], self.extent[2:]
+        if size is not None:
+            low, high = np.zeros(2), np.array(size[::-1], np.float64)
+        elif self.next_id <= _BORDERS:
+            return np.zeros(len(place), np.bool_)
+        is_beyond = (place < low) | (place > high)
+        return is_beyond[:, 0] | is_beyond[:, 1]
+
     def _note_ends(self, is_over: NDArray[np.bool_], reasons: list[str]) -> None:
         """Remember, for the story, which identities end and why; ``reasons`` (P,)."""
         for place in np.flatnonzero(is_over & (self.objects.ids != NO_ID)).tolist():
             self._ended.append(Ended(int(self.objects.ids[place]), reasons[place]))
 
     def _forget(self, is_over: NDArray[np.bool_]) -> None:
-        for serial in self.objects.serials[is_over].tolist():
-            self.waiting.pop(serial, None)
+        self.waiting.drop(self.objects.serials[is_over])
         self.looks.release(self.objects.slots[is_over])
         self.objects = self.objects.part(~is_over)
 

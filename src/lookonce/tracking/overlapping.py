@@ -12,17 +12,16 @@ from lookonce.tracking.pairs import near_pairs, true_places
 
 __all__ = ["Overlaps", "keep_best", "overlaps_of"]
 
-LEAST_OVERLAP = 0.2
 _DENSE = 128  # up to so many boxes comparing all is faster than a grid
 
 
 @dataclass(frozen=True, slots=True)
 class Overlaps:
-    """Pairs of rows whose boxes have an IoU above ``LEAST_OVERLAP``, each pair once.
+    """Pairs of rows whose boxes overlap, each pair once.
 
     Attributes:
         a, b: (K,) rows; a < b.
-        overlap: (K,) float64.
+        overlap: (K,) float64, IoU.
     """
 
     a: NDArray[np.int64]
@@ -35,8 +34,8 @@ class Overlaps:
         return Overlaps(self.a[chosen], self.b[chosen], self.overlap[chosen])
 
 
-def overlaps_of(xyxy: NDArray[np.float64]) -> Overlaps:
-    """The overlapping pairs among boxes ``xyxy`` (N, 4)."""
+def overlaps_of(xyxy: NDArray[np.float64], least: float) -> Overlaps:
+    """The pairs among boxes ``xyxy`` (N, 4) whose IoU is above ``least``, 0 or more."""
     if len(xyxy) <= _DENSE:
         left, top, right, bottom = xyxy.T
         starts_before = left[:, None] < right
@@ -44,7 +43,7 @@ def overlaps_of(xyxy: NDArray[np.float64]) -> Overlaps:
         low, high = true_places(starts_before & starts_before.T & starts_above & starts_above.T)
         is_first = low < high
         low, high = low[is_first], high[is_first]
-        return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(LEAST_OVERLAP)
+        return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(least)
     size = xyxy[:, 2:] - xyxy[:, :2]
     centre = (xyxy[:, :2] + xyxy[:, 2:]) / 2
     # The centre of the one with the shorter longest side is never farther away than the other's longest side.
@@ -53,7 +52,7 @@ def overlaps_of(xyxy: NDArray[np.float64]) -> Overlaps:
     low, high = np.minimum(rows, columns)[other], np.maximum(rows, columns)[other]
     code = np.unique(low * len(xyxy) + high)
     low, high = code // max(len(xyxy), 1), code % max(len(xyxy), 1)
-    return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(LEAST_OVERLAP)
+    return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(least)
 
 
 def keep_best(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -16,12 +15,13 @@ from lookonce.array_file import read_arrays, write_arrays
 from lookonce.distances import SCALE, Quantized
 from lookonce.errors import ConfigError, FormatError
 from lookonce.structures import NO_ID
-from lookonce.tracking.default import DefaultRule, WaitingRow
+from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.looks import LATEST
 from lookonce.tracking.motion import MotionConfig, Motions
 from lookonce.tracking.objects import EvidenceConfig, Objects
 from lookonce.tracking.paper import PaperConfig, PaperObjects, PaperRule
+from lookonce.tracking.waiting import WaitingRow
 
 __all__ = ["load_rule", "save_rule"]
 
@@ -133,7 +133,7 @@ def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
     looks.refresh(slots)
     arrays |= {name: getattr(looks, name)[slots] for name in _LOOKS}
-    rows = [(serial, row) for serial, waiting in rule.waiting.items() for row in waiting]
+    rows = list(rule.waiting)
     numbers = [(serial, row.frame, row.row, row.label) for serial, row in rows]
     arrays["waiting"] = np.array(numbers, np.int64).reshape(-1, 4)
     arrays["waiting_xyxy"] = np.array([row.xyxy for _, row in rows], np.float32).reshape(-1, 4)
@@ -196,9 +196,8 @@ def _restore_waiting(rule: DefaultRule, arrays: dict[str, NDArray[Any]]) -> None
     for number, (serial, frame, row, label) in enumerate(arrays["waiting"].tolist()):
         if serial not in alive:
             raise ValueError("waiting: expected rows of objects that are alive")
-        rows = rule.waiting.setdefault(serial, deque(maxlen=rule.config.given_back_rows))
         box, score = arrays["waiting_xyxy"][number], float(arrays["waiting_scores"][number])
-        rows.append(WaitingRow(frame, row, box, score, label))
+        rule.waiting.add(serial, WaitingRow(frame, row, box, score, label))
 
 
 def _of_paper(rule: PaperRule) -> dict[str, NDArray[Any]]:

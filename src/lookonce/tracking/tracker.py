@@ -83,6 +83,7 @@ class Tracker:
         time_s: float | None = None,
         *,
         camera: NDArray[np.float64] | None = None,
+        size: tuple[int, int] | None = None,
         frame: int | None = None,
     ) -> Tracks: ...
     @overload
@@ -93,6 +94,7 @@ class Tracker:
         *,
         descriptors: ArrayLike | None = None,
         camera: NDArray[np.float64] | None = None,
+        size: tuple[int, int] | None = None,
         frame: int | None = None,
     ) -> NDArray[np.float64]: ...
     @overload
@@ -102,6 +104,7 @@ class Tracker:
         time_s: float | None = None,
         *,
         camera: NDArray[np.float64] | None = None,
+        size: tuple[int, int] | None = None,
         frame: int | None = None,
     ) -> SupervisionDetections: ...
 
@@ -112,6 +115,7 @@ class Tracker:
         *,
         descriptors: ArrayLike | None = None,
         camera: NDArray[np.float64] | None = None,
+        size: tuple[int, int] | None = None,
         frame: int | None = None,
     ) -> Tracks | NDArray[np.float64] | SupervisionDetections:
         """Identities for one frame's detections: one row for each row, in the same order.
@@ -124,6 +128,8 @@ class Tracker:
                 than the preset's memory all objects are new. The preset ``paper`` goes by frames and does not use it.
             descriptors: (N, D) numbers, for the array form only; scaled to unit length.
             camera: (2, 3) float64 affine map from the picture before to this one, px; None: the camera stood still.
+            size: (height, width) of the picture, px: who goes over its border has left. None: after ten objects the
+                border is taken to be where boxes have been.
             frame: what ``given_back`` calls this frame later; by default the number of the update, from 0.
 
         Returns:
@@ -132,23 +138,25 @@ class Tracker:
 
         Raises:
             ValueError: wrong shapes, no descriptors where the preset needs them, descriptors of another length than
-                before, a time that is not finite, or a camera's motion that cannot be undone.
+                before, a time that is not finite, a camera's motion that cannot be undone, or a size that is none.
             TypeError: the detections are none of the three forms.
         """
         if time_s is not None and not math.isfinite(time_s):
             raise ValueError(f"time_s: expected finite seconds, got {time_s}")
         if camera is not None:
             _check_camera(camera)
+        if size is not None and not (len(size) == 2 and min(size) > 0):
+            raise ValueError(f"size: expected (height, width) in px, got {size}")
         if isinstance(detections, Detections):
             if descriptors is not None:
                 raise ValueError("descriptors: Detections carry their own; give them there")
-            return self._identify(detections, time_s, camera, frame)
+            return self._identify(detections, time_s, camera, size, frame)
         if isinstance(detections, np.ndarray):
-            ids = self._update_rows(check_rows(detections, descriptors), time_s, camera, frame)
+            ids = self._update_rows(check_rows(detections, descriptors), time_s, camera, size, frame)
             return np.column_stack([detections, ids]).astype(np.float64)
         if isinstance(detections, SupervisionDetections):
             rows = check_rows(*rows_of_supervision(detections))
-            return answer_supervision(detections, self._update_rows(rows, time_s, camera, frame))
+            return answer_supervision(detections, self._update_rows(rows, time_s, camera, size, frame))
         kind = type(detections).__name__
         raise TypeError(f"detections: expected Detections, an (N, 6) array or supervision.Detections, got {kind}")
 
@@ -176,10 +184,15 @@ class Tracker:
         return tracker
 
     def _update_rows(
-        self, checked: CheckedRows, time_s: float | None, camera: NDArray[np.float64] | None, frame: int | None
+        self,
+        checked: CheckedRows,
+        time_s: float | None,
+        camera: NDArray[np.float64] | None,
+        size: tuple[int, int] | None,
+        frame: int | None,
     ) -> NDArray[np.int64]:
         self.dropped_rows += int(np.count_nonzero(~checked.is_good))
-        tracks = self._identify(checked.detections, time_s, camera, frame, np.flatnonzero(checked.is_good))
+        tracks = self._identify(checked.detections, time_s, camera, size, frame, np.flatnonzero(checked.is_good))
         return checked.spread(tracks.ids)
 
     def _identify(
@@ -187,12 +200,13 @@ class Tracker:
         detections: Detections,
         time_s: float | None,
         camera: NDArray[np.float64] | None,
+        size: tuple[int, int] | None,
         frame: int | None,
         numbers: NDArray[np.int64] | None = None,
     ) -> Tracks:
         if isinstance(self._rule, PaperRule):
             return self._rule.update(detections)
-        tracks = self._rule.update(detections, time_s, camera, numbers, frame)
+        tracks = self._rule.update(detections, time_s, camera, size, numbers, frame)
         self.given_back = tracks.given_back
         return tracks
 
