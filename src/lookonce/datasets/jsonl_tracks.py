@@ -8,12 +8,12 @@ from array import array
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
 from lookonce.datasets.class_names import check_class_name
-from lookonce.datasets.text import LARGEST_WHOLE, MAX_ROWS, fault, quoted, read_text
+from lookonce.datasets.json_lines import read_records
+from lookonce.datasets.text import LARGEST_WHOLE, MAX_ROWS, fault, quoted
 from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES, TrackRows, first_twins
 from lookonce.errors import FormatError
 from lookonce.structures import NO_ID
@@ -21,7 +21,6 @@ from lookonce.structures import NO_ID
 __all__ = ["NamedTrackRows", "read_jsonl_results"]
 
 _FORMAT, _VERSION = "lookonce-tracks", 1
-_MAX_LINE_BYTES = 10_000_000  # a frame of 100,000 boxes
 _NO_IDENTITY, _NO_NUMBER = "no identity (yet)", "a number that is not finite"
 
 
@@ -64,12 +63,10 @@ def read_jsonl_results(path: Path, *, needs_identity: bool = True) -> NamedTrack
     Raises:
         FormatError: it breaks its format, is of another version, or a frame has an id twice.
     """
-    lines = read_text(path, max_line_bytes=_MAX_LINE_BYTES).split("\n")
-    _check_header(path, lines[0])
+    _, records = read_records(path, _FORMAT, _VERSION)
     found = _Collected(needs_identity)
-    for number, line in enumerate(lines[1:], 2):
-        if line.strip():
-            _add_frame(path, number, _parsed(path, number, line), found)
+    for record in records:
+        _add_frame(path, record.line, record.fields, found)
     boxes = np.array(found.boxes, np.float64).reshape(-1, 5)
     numbers = np.array(found.numbers, np.int64).reshape(-1, 4)
     frames, ids, labels = (numbers[:, column].copy() for column in range(3))
@@ -79,27 +76,6 @@ def read_jsonl_results(path: Path, *, needs_identity: bool = True) -> NamedTrack
         message = f"id {rows.ids[first]} a second time in frame {rows.frames[first]}; remove one of the two"
         raise fault(path, int(numbers[second, 3]), message)
     return NamedTrackRows(rows, tuple(found.names), {why: count for why, count in found.left_out.items() if count > 0})
-
-
-def _check_header(path: Path, line: str) -> None:
-    header = _parsed(path, 1, line) if line.strip() else {}
-    if header.get("format") != _FORMAT:
-        raise fault(path, 1, f'expected a header with "format": "{_FORMAT}"; give a tracks.jsonl of lookonce track')
-    if header.get("format_version") != _VERSION:
-        raise fault(path, 1, f"format_version: expected {_VERSION}; use the lookonce that wrote it, or track again")
-
-
-def _parsed(path: Path, number: int, line: str) -> dict[str, object]:
-    def refuse(word: str) -> NoReturn:
-        raise ValueError(word)
-
-    try:
-        record = json.loads(line, parse_constant=refuse)
-    except (ValueError, RecursionError):
-        raise fault(path, number, f"no JSON, or cut short: {quoted(line)}; mend or remove the line") from None
-    if not isinstance(record, dict):
-        raise fault(path, number, f"expected a JSON object, got {quoted(line)}; mend or remove the line")
-    return record
 
 
 def _add_frame(path: Path, line: int, record: dict[str, object], found: _Collected) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.datasets.json_lines import Record, read_records
 from lookonce.datasets.text import fault
-from lookonce.report.json_lines import Record, read_records
 
 __all__ = ["DECISIONS", "Candidate", "Ending", "ExplainedRow", "Explanation", "read_explanation"]
 

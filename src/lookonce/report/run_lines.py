@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.datasets import read_mot_results
+from lookonce.datasets.json_lines import Record, read_records
 from lookonce.datasets.text import MAX_ROWS, fault
-from lookonce.report.json_lines import Record, read_records
 
 __all__ = ["RunLines", "read_mot_lines", "read_run_lines"]
 

@@ -8,29 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.assignment import components, is_single
+from lookonce.evaluation.tracking.counts import ClearCounts, share
 from lookonce.evaluation.tracking.matching import best_pairs, solve_part
 from lookonce.evaluation.tracking.overlaps import Pairs, Scene, by_id
 
-__all__ = ["ClearMatching", "ClearScores", "share"]
+__all__ = ["ClearMatching", "ClearScores"]
 
 _MIN_IOU = 0.5 - np.finfo(np.float64).eps  # TrackEval's
 _KEPT = 1000.0  # what TrackEval adds to the overlap of a pair that the frame before had too
 _MOSTLY_TRACKED, _MOSTLY_LOST = 0.8, 0.2
 
 
-def share(part: float, whole: float) -> float:
-    """``part / whole``; 0 where ``whole`` is 0."""
-    return part / whole if whole else 0.0
-
-
 @dataclass(frozen=True, slots=True)
-class ClearScores:
+class ClearScores(ClearCounts):
     """The CLEAR figures of one sequence or of several: counts, and rates made from them.
 
     A rate of nothing is 0. TrackEval says the same but for sequences without any true box: there its share of objects
@@ -49,27 +45,6 @@ class ClearScores:
         frames: of the sequences that have both true boxes and results; 0 of the others, as in TrackEval.
     """
 
-    true_positives: int
-    misses: int
-    false_positives: int
-    id_switches: int
-    mostly_tracked: int
-    partly_tracked: int
-    mostly_lost: int
-    fragmentations: int
-    overlap_sum: float
-    frames: int
-
-    @property
-    def mota(self) -> float:
-        """1 - (misses + false positives + ID switches) / true boxes; 1 at most, may be negative."""
-        return share(self.true_positives - self.false_positives - self.id_switches, self.true_positives + self.misses)
-
-    @property
-    def motp(self) -> float:
-        """Mean IoU of the matches."""
-        return share(self.overlap_sum, self.true_positives)
-
     @property
     def moda(self) -> float:
         """1 - (misses + false positives) / true boxes."""
@@ -87,48 +62,14 @@ class ClearScores:
         return share(self.true_positives - self.false_positives - switches, self.true_positives + self.misses)
 
     @property
-    def recall(self) -> float:
-        """Of the true boxes those found."""
-        return share(self.true_positives, self.true_positives + self.misses)
-
-    @property
-    def precision(self) -> float:
-        """Of the result's boxes those that found something."""
-        return share(self.true_positives, self.true_positives + self.false_positives)
-
-    @property
     def f1(self) -> float:
         """The harmonic mean of precision and recall: TP / (TP + misses / 2 + false positives / 2)."""
         return share(self.true_positives, self.true_positives + 0.5 * self.misses + 0.5 * self.false_positives)
 
-    @property
-    def false_positives_per_frame(self) -> float:
-        """False positives / frames."""
-        return share(self.false_positives, self.frames)
-
-    @property
-    def mostly_tracked_share(self) -> float:
-        """Of the objects those mostly tracked."""
-        return share(self.mostly_tracked, self._objects)
-
-    @property
-    def partly_tracked_share(self) -> float:
-        """Of the objects those partly tracked."""
-        return share(self.partly_tracked, self._objects)
-
-    @property
-    def mostly_lost_share(self) -> float:
-        """Of the objects those mostly lost."""
-        return share(self.mostly_lost, self._objects)
-
-    @property
-    def _objects(self) -> int:
-        return self.mostly_tracked + self.partly_tracked + self.mostly_lost
-
     @classmethod
     def sum_of(cls, scores: Sequence[ClearScores]) -> ClearScores:
         """The figures over several sequences: their counts added, the rates from the sums."""
-        return cls(*(sum(getattr(one, name) for one in scores) for name in cls.__slots__))
+        return cls(*(sum(getattr(one, item.name) for one in scores) for item in fields(cls)))
 
 
 class ClearMatching:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lookonce.evaluation.tracking.clear import share
+from lookonce.evaluation.tracking.counts import share
 from lookonce.evaluation.tracking.matching import best_sum
 from lookonce.evaluation.tracking.overlaps import Scene
 from lookonce.evaluation.tracking.pair_counts import Meetings

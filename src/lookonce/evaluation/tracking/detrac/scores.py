@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
-from lookonce.evaluation.tracking.clear import share
+from lookonce.evaluation.tracking.counts import ClearCounts, share
 
 __all__ = ["DetracScores"]
 
 
 @dataclass(frozen=True, slots=True)
-class DetracScores:
+class DetracScores(ClearCounts):
     """What ``evaluate_tracking`` says under the protocol ``detrac``. A rate of nothing is 0.
 
     Attributes:
@@ -31,23 +31,7 @@ class DetracScores:
         left_out: what of truth and result did not count: why -> number of rows.
     """
 
-    true_positives: int
-    misses: int
-    false_positives: int
-    id_switches: int
-    mostly_tracked: int
-    partly_tracked: int
-    mostly_lost: int
-    fragmentations: int
-    overlap_sum: float
-    frames: int
     left_out: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def mota(self) -> float:
-        """1 - (misses + false positives + ID switches) / true boxes; 1 at most, may be negative."""
-        truth = self.true_positives + self.misses
-        return share(self.true_positives - self.false_positives - self.id_switches, truth)
 
     @property
     def motal(self) -> float:
@@ -55,50 +39,11 @@ class DetracScores:
         truth = self.true_positives + self.misses
         return share(self.true_positives - self.false_positives - math.log10(self.id_switches + 1), truth)
 
-    @property
-    def motp(self) -> float:
-        """The sum of the IoU of matches of 0.7 or more over the number of all matches."""
-        return share(self.overlap_sum, self.true_positives)
-
-    @property
-    def recall(self) -> float:
-        """Of the true boxes those found."""
-        return share(self.true_positives, self.true_positives + self.misses)
-
-    @property
-    def precision(self) -> float:
-        """Of the result's boxes those that found something."""
-        return share(self.true_positives, self.true_positives + self.false_positives)
-
-    @property
-    def false_positives_per_frame(self) -> float:
-        """The toolkit's false alarm rate."""
-        return share(self.false_positives, self.frames)
-
-    @property
-    def mostly_tracked_share(self) -> float:
-        """Of the objects those mostly tracked."""
-        return share(self.mostly_tracked, self._objects)
-
-    @property
-    def partly_tracked_share(self) -> float:
-        """Of the objects those partly tracked."""
-        return share(self.partly_tracked, self._objects)
-
-    @property
-    def mostly_lost_share(self) -> float:
-        """Of the objects those mostly lost."""
-        return share(self.mostly_lost, self._objects)
-
-    @property
-    def _objects(self) -> int:
-        return self.mostly_tracked + self.partly_tracked + self.mostly_lost
-
     @classmethod
     def sum_of(cls, scores: Sequence[DetracScores]) -> DetracScores:
         """The figures over several sequences: their counts added, the rates from the sums."""
         left_out: Counter[str] = Counter()
         for one in scores:
             left_out.update(one.left_out)
-        counts = {name: sum(getattr(one, name) for one in scores) for name in cls.__slots__ if name != "left_out"}
+        counts = {item.name: sum(getattr(one, item.name) for one in scores) for item in fields(ClearCounts)}
         return cls(**counts, left_out=dict(left_out))

@@ -15,7 +15,7 @@ from lookonce.errors import FormatError
 
 __all__ = ["Record", "read_records"]
 
-_MAX_LINE_BYTES = 10_000_000
+_MAX_LINE_BYTES = 10_000_000  # a frame of 100,000 boxes
 _MAX_BYTES = 400_000_000  # an explained hour of a street
 _LONGEST_TEXT = 1000
 _MOST_ITEMS = 100_000  # of a list
@@ -113,7 +113,7 @@ def read_records(path: Path, kind: str, version: int) -> tuple[Record, Iterator[
     lines = read_text(path, _MAX_BYTES, _MAX_LINE_BYTES).split("\n")
     header = _parsed(path, 1, lines[0]) if lines[0].strip() else Record(path, 1, {})
     if header.fields.get("format") != kind:
-        raise fault(path, 1, f'expected a header with "format": "{kind}"; remove the file, or make it again')
+        raise fault(path, 1, f'expected a header with "format": "{kind}"; give a file that lookonce track wrote')
     if header.fields.get("format_version") != version:
         message = f"format_version: expected {version}; use the lookonce that wrote it, or track again"
         raise fault(path, 1, message)
