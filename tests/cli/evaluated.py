@@ -4,32 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from typer.testing import CliRunner, Result
-
+from cli.running import Command
 from datasets.making import annotation, frame, target, write, write_mot
-from lookonce.cli.app import app
-from lookonce.errors import LookonceError
 
 FRAMES = 10
 CAR, BUS = (1, 5, 5, 1), (2, 30, 20, 2)  # id, left, top, class
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner(env={"COLUMNS": "80"}).invoke(app, ["eval", *map(str, arguments)])
-
-
-def done(*arguments: object) -> Result:
-    result = run(*arguments)
-    assert result.exit_code == 0, (result.stderr, result.exception)
-    return result
-
-
-def refusal(*arguments: object) -> str:
-    """The one line that a wrong input gets."""
-    error = run(*arguments).exception
-    assert isinstance(error, LookonceError), error
-    assert str(error).isprintable()
-    return str(error)
+COMMAND = Command("eval")
+run, done, refusal = COMMAND.run, COMMAND.done, COMMAND.refusal
 
 
 def truth_lines(*, tail: str = "1,{cls},1") -> str:

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from lookonce.cli.app import app
+from cli.running import Command
 from lookonce.cli.compare_detrac import THRESHOLDS
 from lookonce.compare.contenders.registry import contenders
-from lookonce.errors import LookonceError
 from lookonce.make.darknet.importer import import_darknet
 from make.probing.labelled_squares import truth_lines, write_squares
 from squares import write_darknet
@@ -22,24 +20,8 @@ from test_ua_detrac_recipe import HEIGHT, TEST, WIDTH, write_detrac
 
 FRAMES = 12
 OWN = "iou,kiou,lookonce-paper,oracle"
-
-
-def run(*arguments: object, command: str = "compare") -> Result:
-    return CliRunner(env={"COLUMNS": "200"}).invoke(app, [command, *map(str, arguments)])
-
-
-def done(*arguments: object, command: str = "compare") -> Result:
-    result = run(*arguments, command=command)
-    assert result.exit_code == 0, (result.stderr, result.exception)
-    return result
-
-
-def refusal(*arguments: object) -> str:
-    """The one line that a wrong input gets."""
-    error = run(*arguments).exception
-    assert isinstance(error, LookonceError), error
-    assert str(error).isprintable()
-    return str(error)
+COMMAND = Command("compare", columns=200)
+run, done, refusal = COMMAND.run, COMMAND.done, COMMAND.refusal
 
 
 def figures(path: Path, tracker: str, every: int = 1) -> dict[str, float]:
@@ -94,7 +76,7 @@ def test_eval_says_the_same_of_the_files(tmp_path: Path, squares: Path, square_m
     for name in OWN.split(","):
         results = out / "every-1" / name
         again = tmp_path / f"{name}.json"
-        done(
+        Command("eval").done(
             "--truth",
             squares,
             "--results",
@@ -104,7 +86,6 @@ def test_eval_says_the_same_of_the_files(tmp_path: Path, squares: Path, square_m
             protocol,
             "--json",
             again,
-            command="eval",
         )
         expected = json.loads(again.read_text())["runs"][0]["combined"]["figures"]
         assert figures(out / "results.json", name) == expected
@@ -234,7 +215,7 @@ def test_whole_experiment_of_ua_detrac(detrac: Path, tmp_path: Path) -> None:
     again = tmp_path / "again.json"
     xml = detrac / "DETRAC" / "DETRAC-Test-Annotations-XML"
     pr = ("--detector-pr", out / "detection_PR.txt", "--protocol", "detrac", "--missing-as-empty")
-    done("--truth", xml, "--results", out / "lookonce-paper", *pr, "--json", again, command="eval")
+    Command("eval").done("--truth", xml, "--results", out / "lookonce-paper", *pr, "--json", again)
     expected = json.loads(again.read_text())
     rows = [row for row in json.loads((out / "results.json").read_text())["rows"] if row["tracker"] == "lookonce-paper"]
     (best,) = (row for row in rows if row["pr"] is not None)

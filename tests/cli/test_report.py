@@ -10,22 +10,19 @@ import time
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from cli.evaluated import detrac_xml, result_lines, truth_lines, write_truth
 from cli.evaluated import done as evaluated
+from cli.running import Command
 from datasets.making import write, write_detrac
-from lookonce.cli.app import app
-from lookonce.errors import LookonceError
 from make.probing.labelled_squares import write_squares
 from report.scenes import HEADER, TRACKS_HEADER, write_lines
 from report.test_page import Reading
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner(env={"COLUMNS": "80"}).invoke(app, ["report", *map(str, arguments)])
+COMMAND = Command("report")
+run, refusal = COMMAND.run, COMMAND.refusal
 
 
 def done(page: Path, *arguments: object) -> tuple[str, Result]:
@@ -33,14 +30,6 @@ def done(page: Path, *arguments: object) -> tuple[str, Result]:
     result = run("-o", page, "--overwrite", *arguments)
     assert result.exit_code == 0, (result.stderr, result.exception)
     return page.read_text(encoding="utf-8"), result
-
-
-def refusal(*arguments: object) -> str:
-    """The one line that a wrong input gets."""
-    error = run(*arguments).exception
-    assert isinstance(error, LookonceError), error
-    assert str(error).isprintable()
-    return str(error)
 
 
 def shown(text: str) -> str:

@@ -7,31 +7,15 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from lookonce.cli.app import app
-from lookonce.errors import LookonceError
+from cli.running import Command
 from lookonce.model import Model
 from lookonce.tracking import DefaultConfig, MotionConfig
 from lookonce.tracking.settings import read_tracker_settings
 from make.probing.labelled_squares import write_squares
 
-
-def run(*arguments: object) -> Result:
-    return CliRunner(env={"COLUMNS": "80"}).invoke(app, [*map(str, arguments)])
-
-
-def done(*arguments: object) -> Result:
-    result = run(*arguments)
-    assert result.exit_code == 0, (result.stderr, result.exception)
-    return result
-
-
-def refusal(*arguments: object) -> str:
-    error = run(*arguments).exception
-    assert isinstance(error, LookonceError), error
-    assert str(error).isprintable()
-    return str(error)
+COMMAND = Command()
+run, done, refusal = COMMAND.run, COMMAND.done, COMMAND.refusal
 
 
 def header(*arguments: object, folder: Path) -> dict:

@@ -12,12 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from cli.evaluated import table_row
+from cli.running import Command
 from lookonce.cli.app import app
 from lookonce.datasets import open_sequences, read_mot_results
-from lookonce.errors import LookonceError
 from lookonce.evaluation import TrackingResult, TrackingTruth, evaluate_tracking
 from lookonce.tracking import DefaultConfig, PaperConfig
 from lookonce.tracking.settings import read_tracker_settings
@@ -30,28 +30,13 @@ INTERRUPTIBLE = (
 )
 
 needs_optuna = pytest.mark.usefixtures("optuna")
+COMMAND = Command("tune", columns=100)
+run, done, refusal = COMMAND.run, COMMAND.done, COMMAND.refusal
 
 
 @pytest.fixture(scope="session")
 def optuna():
     pytest.importorskip("optuna", reason="the extra 'tune' is not installed")
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner(env={"COLUMNS": "100"}).invoke(app, ["tune", *map(str, arguments)])
-
-
-def done(*arguments: object) -> Result:
-    result = run(*arguments)
-    assert result.exit_code == 0, (result.stderr, result.exception)
-    return result
-
-
-def refusal(*arguments: object) -> str:
-    error = run(*arguments).exception
-    assert isinstance(error, LookonceError), error
-    assert str(error).isprintable()
-    return str(error)
 
 
 @pytest.fixture(scope="module")
