@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -249,3 +251,20 @@ def test_crowd_is_told_apart():
                 right += names.setdefault(identity, name) == name
     assert total > 2000
     assert right / total > 0.95
+
+
+def test_thousands_of_boxes_at_one_place_are_one_object():
+    """10^8 pairs would take gigabytes; beside them somebody is tracked as ever."""
+    rng, tracker = np.random.default_rng(0), Tracker("iou")
+    for number in range(4):
+        corner = np.concatenate([rng.uniform(0, 1, (10_000, 2)), [[500.0 + number, 100]]])
+        rows = np.column_stack(
+            [corner, np.add(corner, (40, 80)), np.append(rng.uniform(0.5, 0.9, 10_000), 0.95), np.zeros(10_001)]
+        )
+        tracemalloc.start()
+        ids = tracker.update(rows, number * 0.04)[:, 6]
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 100e6
+    assert sorted(ids[ids > 0].tolist()) == [1, 2]
+    assert ids[-1] > 0

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lookonce.boxes import iou
-from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of
+from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
+from lookonce.tracking.pairs import TooManyPairsError
 
 
 def _random_boxes(rng, count, area=300.0):
@@ -68,6 +69,22 @@ def test_best_are_kept_as_one_by_one(seed):
     pairs = list(zip(overlaps.a.tolist(), overlaps.b.tolist(), strict=True))
     expected = _plain_best(pairs, order.tolist(), is_wanted, is_set)
     assert keep_best(overlaps, order, is_wanted, is_set).tolist() == expected
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.3, 0.6])
+@pytest.mark.parametrize("seed", range(3))
+def test_boxes_are_thinned_as_the_best_are_kept(seed, limit):
+    rng = np.random.default_rng(seed)
+    boxes, order, is_wanted = _random_boxes(rng, 200, 150.0), rng.permutation(200), rng.random(200) < 0.7
+    kept = keep_best(overlaps_of(boxes, limit), order, is_wanted, np.zeros(200, np.bool_))
+    assert thinned(boxes, order, is_wanted, limit).tolist() == kept.tolist()
+
+
+def test_too_many_pairs_are_refused():
+    boxes = _random_boxes(np.random.default_rng(0), 300, 10.0)
+    with pytest.raises(TooManyPairsError):
+        overlaps_of(boxes, 0.2, 5_000)
+    assert len(overlaps_of(boxes, 0.2, 1_000_000).a) > 5_000
 
 
 def test_who_yields_makes_nobody_yield():

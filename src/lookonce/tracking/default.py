@@ -23,13 +23,15 @@ from lookonce.tracking.explaining import Notes, tell
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import MovingScores, Objects
-from lookonce.tracking.overlapping import keep_best, overlaps_of
+from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
+from lookonce.tracking.pairs import TooManyPairsError
 from lookonce.tracking.waiting import Waiting, WaitingRow
 
 __all__ = ["DefaultRule"]
 
 _LEAST_STEP_S = 1e-3
 _BORDERS = 10  # objects: where so many have been says where the picture ends
+_MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
 _TOUCHING = 0.1  # overlap from which a second candidate makes a pair ambiguous
 
 
@@ -171,13 +173,10 @@ class DefaultRule:
         if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
             self.looks.check_size(detections.descriptors.shape[1])
             looks = quantize(detections.descriptors)
-        least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
-        overlaps = overlaps_of(xyxy, least)
-        is_usable = scores >= config.low_score
         nobody = np.zeros(len(scores), np.bool_)
         has_no_look = nobody if looks is None else looks.squared_lengths == 0
         order = np.lexsort((has_no_look, -scores))  # best first; of equal ones those with a descriptor
-        is_usable = keep_best(overlaps.above(config.same_overlap), order, is_usable, nobody)
+        overlaps, is_usable = self._overlaps(xyxy, order, scores >= config.low_score)
         if is_usable.any():
             usable = xyxy[is_usable]
             np.minimum(self.extent[:2], usable[:, :2].min(axis=0), out=self.extent[:2])
@@ -195,6 +194,22 @@ class DefaultRule:
             nobody,
             order,
         )
+
+    def _overlaps(
+        self, xyxy: NDArray[np.float64], order: NDArray[np.int64], is_wanted: NDArray[np.bool_]
+    ) -> tuple[Overlaps, NDArray[np.bool_]]:
+        """The boxes that overlap, and which wanted rows are no second boxes of one object (N,)."""
+        config = self.config
+        least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
+        try:
+            overlaps = overlaps_of(xyxy, least, _MOST_PAIRS)
+        except TooManyPairsError:  # then only those that stay are looked at
+            is_usable = thinned(xyxy, order, is_wanted, config.same_overlap)
+            rows = np.flatnonzero(is_usable)
+            among = overlaps_of(xyxy[rows], least)
+            return Overlaps(rows[among.a], rows[among.b], among.overlap), is_usable
+        nobody = np.zeros(len(xyxy), np.bool_)
+        return overlaps, keep_best(overlaps.above(config.same_overlap), order, is_wanted, nobody)
 
     def _match(
         self,

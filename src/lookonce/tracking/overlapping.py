@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lookonce.boxes import iou_of_pairs
 from lookonce.tracking.pairs import near_pairs, true_places
 
-__all__ = ["Overlaps", "keep_best", "overlaps_of"]
+__all__ = ["Overlaps", "keep_best", "overlaps_of", "thinned"]
 
 _DENSE = 128  # up to so many boxes comparing all is faster than a grid
 
@@ -34,8 +34,12 @@ class Overlaps:
         return Overlaps(self.a[chosen], self.b[chosen], self.overlap[chosen])
 
 
-def overlaps_of(xyxy: NDArray[np.float64], least: float) -> Overlaps:
-    """The pairs among boxes ``xyxy`` (N, 4) whose IoU is above ``least``, 0 or more."""
+def overlaps_of(xyxy: NDArray[np.float64], least: float, most: int | None = None) -> Overlaps:
+    """The pairs among boxes ``xyxy`` (N, 4) whose IoU is above ``least``, 0 or more.
+
+    Raises:
+        TooManyPairsError: about ``most`` pairs or more are near each other; it takes no memory for them.
+    """
     if len(xyxy) <= _DENSE:
         left, top, right, bottom = xyxy.T
         starts_before = left[:, None] < right
@@ -47,12 +51,28 @@ def overlaps_of(xyxy: NDArray[np.float64], least: float) -> Overlaps:
     size = xyxy[:, 2:] - xyxy[:, :2]
     centre = (xyxy[:, :2] + xyxy[:, 2:]) / 2
     # The centre of the one with the shorter longest side is never farther away than the other's longest side.
-    rows, columns = near_pairs(centre, size.max(axis=1, initial=0), centre)
+    rows, columns = near_pairs(centre, size.max(axis=1, initial=0), centre, most)
     other = rows != columns
     low, high = np.minimum(rows, columns)[other], np.maximum(rows, columns)[other]
     code = np.unique(low * len(xyxy) + high)
     low, high = code // max(len(xyxy), 1), code % max(len(xyxy), 1)
     return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(least)
+
+
+def thinned(
+    xyxy: NDArray[np.float64], order: NDArray[np.int64], is_wanted: NDArray[np.bool_], limit: float
+) -> NDArray[np.bool_]:
+    """What ``keep_best`` says with nobody there before, of boxes of which too many lie over each other: (N,) bool.
+
+    One row after the other yields, so it needs memory for N rows and time for N times those that stay.
+    """
+    stays = np.zeros(len(xyxy), np.bool_)
+    left = order[is_wanted[order]]
+    while len(left):
+        best, left = left[0], left[1:]
+        stays[best] = True
+        left = left[iou_of_pairs(np.broadcast_to(xyxy[best], (len(left), 4)), xyxy[left]) <= limit]
+    return stays
 
 
 def keep_best(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["near_pairs", "true_places"]
+__all__ = ["TooManyPairsError", "near_pairs", "true_places"]
 
 _DENSE = 1 << 14  # up to so many combinations comparing all is faster than a grid
 _SLACK = 1e-9
@@ -13,8 +13,12 @@ _MOST_STRIPS = 4096
 _LONGEST_STRIP = 64  # cells that one reach may span, so that a few huge ones cannot fill the memory
 
 
+class TooManyPairsError(Exception):
+    """More pairs are near each other than are asked for at most."""
+
+
 def near_pairs(
-    places: NDArray[np.float64], reach: NDArray[np.float64], points: NDArray[np.float64]
+    places: NDArray[np.float64], reach: NDArray[np.float64], points: NDArray[np.float64], most: int | None = None
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """All pairs of which the point lies within the square of half side ``reach`` around the place.
 
@@ -22,16 +26,20 @@ def near_pairs(
         places: (P, 2) float64.
         reach: (P,) float64, 0 or more.
         points: (N, 2) float64.
+        most: refuse to list more than about so many pairs, which saves the memory for them; None: list them all.
 
     Returns:
         (K,) place and (K,) point of each pair, in rising order.
+
+    Raises:
+        TooManyPairsError: there are more.
     """
     if len(places) * len(points) <= _DENSE:
         limit = reach[:, None]
         is_near = np.abs(places[:, :1] - points[:, 0]) <= limit
         is_near &= np.abs(places[:, 1:] - points[:, 1]) <= limit
         return true_places(is_near)
-    return _by_grid(places, reach, points)
+    return _by_grid(places, reach, points, most)
 
 
 def true_places(matrix: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -41,7 +49,7 @@ def true_places(matrix: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np
 
 
 def _by_grid(
-    places: NDArray[np.float64], reach: NDArray[np.float64], points: NDArray[np.float64]
+    places: NDArray[np.float64], reach: NDArray[np.float64], points: NDArray[np.float64], most: int | None = None
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The same by strips: points sorted by strip and x; a place looks at a run of points in each strip it reaches."""
     low = points.min(axis=0)
@@ -61,9 +69,10 @@ def _by_grid(
     rows, strips = _expanded(first, end)
     origin = strips * (4 * pad)
     left, right = _between(x - wide, -pad, 2 * pad)[rows], _between(x + wide, -pad, 2 * pad)[rows]
-    runs, positions = _expanded(
-        np.searchsorted(key, origin + left, side="left"), np.searchsorted(key, origin + right, side="right")
-    )
+    begin, end = np.searchsorted(key, origin + left, side="left"), np.searchsorted(key, origin + right, side="right")
+    if most is not None and int(np.maximum(end - begin, 0).sum()) > most:
+        raise TooManyPairsError
+    runs, positions = _expanded(begin, end)
     rows, columns = rows[runs], order[positions]
     apart = np.abs(places.take(rows, axis=0) - points.take(columns, axis=0))
     near = np.maximum(apart[:, 0], apart[:, 1]) <= reach[rows]
