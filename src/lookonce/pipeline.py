@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -28,6 +29,7 @@ __all__ = [
     "Detector",
     "StageTimes",
     "TrackedFrame",
+    "camera_for",
     "detector_score",
     "share_processors",
     "track",
@@ -195,6 +197,17 @@ def tracker_for(
     return Tracker(config if threshold is None else replace(config, match_threshold=threshold), explain=explain)
 
 
+def camera_for(tracker: Tracker, state: Path | None = None) -> CameraMotion | None:
+    """What tells a tracker how the camera moves, anew or from a saved state; None for `paper`, which does not use it.
+
+    Raises:
+        FormatError: the state is something else, of another version, damaged or cut short.
+    """
+    if not isinstance(tracker.config, DefaultConfig):
+        return None
+    return CameraMotion() if state is None else CameraMotion.load(state)
+
+
 def track_video(
     video: VideoSource,
     model: Detector,
@@ -205,6 +218,7 @@ def track_video(
     sinks: Sequence[Sink] = (),
     times: StageTimes | None = None,
     after: int = -1,
+    camera: CameraMotion | None = None,
     follows_camera: bool = True,
 ) -> Iterator[TrackedFrame]:
     """Track the objects of an opened source and write each frame to the sinks as it is done.
@@ -218,6 +232,7 @@ def track_video(
         sinks: where results go; the caller closes them.
         times: takes the seconds of each stage.
         after: frames up to this number are passed over, because an earlier run has tracked them.
+        camera: goes on with what an earlier run saw; by default it begins.
         follows_camera: whether the tracker is told how the camera moves. A camera that stands still gives the same
             results either way; the preset ``paper`` does not use it.
 
@@ -225,10 +240,12 @@ def track_video(
         A :class:`TrackedFrame` for each frame.
     """
     times = times or StageTimes()
-    follows_camera = follows_camera and isinstance(tracker.config, DefaultConfig)
-    camera = CameraMotion() if follows_camera else None
+    if not follows_camera:
+        camera = None
+    elif camera is None:
+        camera = camera_for(tracker)
     times.workers = workers
-    with _detected(video, model, workers, times, after, needs_luma=follows_camera) as detected:
+    with _detected(video, model, workers, times, after, needs_luma=camera is not None) as detected:
         for frame, luma, detections in detected:
             with interrupts_deferred():  # tracker and results never differ by a frame
                 motion = None
@@ -238,7 +255,7 @@ def track_video(
                 with times.stage("associate"):
                     if labels is not None and len(labels):
                         detections = detections[np.isin(detections.labels, labels)]
-                    tracks = tracker.update(detections, frame.time_s, camera=motion, frame=frame.index)
+                    tracks = tracker.update(detections, frame.time_s, camera=motion, size=frame.size, frame=frame.index)
                     tracks = replace(tracks, names=model.names)
                 with times.stage("write"):
                     for sink in sinks:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cli.test_commands import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
 from lookonce.output import CHECKPOINT_FILE, read_checkpoint
+from lookonce.video import VideoWriter
 from squares import write_clip
 
 FILES = ("tracks.txt", "tracks.jsonl", "explain.jsonl")
@@ -30,7 +33,7 @@ def unbroken(long_clip: Path, square_model: Path, tmp_path_factory: pytest.TempP
     result = lookonce(*_command(long_clip, square_model, out))
     assert result.returncode == 0, result.stderr
     assert not (out / CHECKPOINT_FILE).exists()
-    assert not list(out.glob("*.state"))
+    assert not list(out.glob("checkpoint*"))
     return out
 
 
@@ -89,6 +92,56 @@ def test_after_a_kill_it_goes_on_from_the_last_checkpoint(long_clip, square_mode
         assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
 
 
+SEEN = (180, 320)  # what the moving camera sees of a wall, height and width
+WALL = (300, 480)
+PAN_FRAMES = 500
+
+
+def _corner(index: int) -> tuple[int, int]:
+    """Top and left of what a camera in an unsteady hand sees."""
+    return round(60 + 45 * math.sin(index / 7) + 8 * math.sin(index)), round(80 + 75 * math.sin(index / 11))
+
+
+@pytest.fixture(scope="module")
+def pan(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A clip of a speckled wall, and boxes of six things that hang on it."""
+    folder, rng = tmp_path_factory.mktemp("pan"), np.random.default_rng(0)
+    wall = np.kron(rng.integers(30, 226, (WALL[0] // 6, WALL[1] // 6), dtype=np.uint8), np.ones((6, 6), np.uint8))
+    things = rng.uniform((60, 80), (WALL[1] - 80, WALL[0] - 80), (6, 2))
+    lines = []
+    with VideoWriter(folder / "pan.mp4", 25) as writer:
+        for index in range(PAN_FRAMES):
+            top, left = _corner(index)
+            writer.write(np.stack([wall[top : top + SEEN[0], left : left + SEEN[1]]] * 3, axis=2), index / 25)
+            for x, y in things - (left, top) + rng.normal(0, 1, (6, 2)):
+                lines.append(f"{index + 1},-1,{x:.2f},{y:.2f},16,24,{rng.uniform(0.3, 0.9):.3f},-1,-1,-1")
+    (folder / "det.txt").write_text("\n".join(lines) + "\n")
+    return folder / "pan.mp4", folder / "det.txt"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_moving_camera_is_gone_on_with_to_the_same_bytes(pan, tmp_path, share: float) -> None:
+    """What the camera had seen was not kept: in the first frame after a stop it counted as still."""
+
+    def command(out: Path) -> list[str]:
+        return ["track", str(pan[0]), "--detections", str(pan[1]), "--no-video", "--explain", "-o", str(out)]
+
+    unbroken, stopped = tmp_path / "unbroken", tmp_path / "stopped"
+    assert lookonce(*command(unbroken)).returncode == 0
+    results, enough = stopped / "tracks.jsonl", share * (unbroken / "tracks.jsonl").stat().st_size
+    _stop(command(stopped), stopped, signal.SIGINT, lambda: results.exists() and results.stat().st_size > enough)
+    kept = read_checkpoint(stopped)
+    assert kept is not None
+    assert 0 < kept.frame < PAN_FRAMES - 1
+    assert sorted(kept.states) == ["camera", "tracker"]
+    again = lookonce(*command(stopped), "--resume")
+    assert again.returncode == 0, again.stderr
+    for name in FILES:
+        assert (stopped / name).read_bytes() == (unbroken / name).read_bytes(), name
+    assert sorted(path.name for path in stopped.iterdir()) == sorted(FILES)
+
+
 def _stopped(long_clip: Path, square_model: Path, out: Path) -> list[str]:
     command = _command(long_clip, square_model, out)
     results = out / "tracks.jsonl"
@@ -104,16 +157,20 @@ def test_what_cannot_be_gone_on_with_is_one_line_and_nothing_is_lost(long_clip, 
     (tmp_path / CHECKPOINT_FILE).write_text("{}")
     assert_one_line(lookonce(*command, "--resume"), 1, CHECKPOINT_FILE)
     record = json.loads(before[CHECKPOINT_FILE])
-    (tmp_path / CHECKPOINT_FILE).write_text(json.dumps(record | {"state": "../elsewhere.state"}))
+    (tmp_path / CHECKPOINT_FILE).write_text(json.dumps(record | {"states": {"tracker": "../elsewhere.state"}}))
     assert_one_line(lookonce(*command, "--resume"), 1, "outside the folder")
+    (tmp_path / CHECKPOINT_FILE).write_text(json.dumps(record | {"format_version": 1}))
+    assert_one_line(lookonce(*command, "--resume"), 1, "version 1", "--overwrite")
     (tmp_path / CHECKPOINT_FILE).write_bytes(before[CHECKPOINT_FILE])
-    (tmp_path / record["state"]).write_bytes(b"cut")
-    assert_one_line(lookonce(*command, "--resume"), 1, record["state"])
-    (tmp_path / record["state"]).write_bytes(before[record["state"]])
+    for state in record["states"].values():
+        (tmp_path / state).write_bytes(b"cut")
+        assert_one_line(lookonce(*command, "--resume"), 1, state)
+        (tmp_path / state).write_bytes(before[state])
     (tmp_path / "tracks.txt").write_bytes(b"")
     assert_one_line(lookonce(*command, "--resume"), 1, "tracks.txt")
     (tmp_path / "tracks.txt").write_bytes(before["tracks.txt"])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    (tmp_path / CHECKPOINT_FILE).write_text("{}")
     assert lookonce(*command, "--overwrite").returncode == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 

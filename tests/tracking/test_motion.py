@@ -194,6 +194,21 @@ def test_camera_moves_places_speeds_and_sizes():
     np.testing.assert_allclose(np.exp(motions.log_size), [[40.0, 80.0]])
 
 
+def test_a_zoom_of_the_camera_is_a_life_in_a_larger_picture():
+    """Variances kept the size that they had before the zoom: a box twice as large was believed twice as precisely."""
+    zoom = np.array([[1.2, -0.9, 30.0], [0.9, 1.2, -20.0]])  # lengths 1.5 times as large
+    zoomed, large = _begin(), _begin(1.2 * 100 - 0.9 * 50 + 30, 0.9 * 100 + 1.2 * 50 - 20, 60.0)
+    zoomed.predict_(0.2, STILL, CONFIG)
+    zoomed.move_camera_(zoom)
+    large.predict_(0.2, STILL, CONFIG)
+    for _ in range(3):
+        np.testing.assert_allclose(_matrix(zoomed), _matrix(large), rtol=1e-12)
+        np.testing.assert_allclose(zoomed.place, large.place, rtol=1e-12)
+        for motions in (zoomed, large):
+            motions.correct_(ONE, _states(140, 131, 63.0), CONFIG)
+            motions.predict_(0.1, STILL, CONFIG)
+
+
 def test_objects_do_not_meet():
     """Each of many objects has the numbers that it has alone."""
     rng = np.random.default_rng(3)

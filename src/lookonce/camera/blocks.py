@@ -8,16 +8,27 @@ do not depend on the order of addition.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.camera.pictures import Pyramid, gather, windows
 
-__all__ = ["BLOCK_PX", "Blocks", "Matches", "choose_blocks", "coarse_shift", "follow", "shifts_from_rest"]
+__all__ = [
+    "BLOCK_PX",
+    "Blocks",
+    "Matches",
+    "choose_blocks",
+    "coarse_shift",
+    "follow",
+    "follow_nearby",
+    "shifts_from_rest",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_Differences = NDArray[np.int16] | NDArray[np.float32]
 
 BLOCK_PX = 16
 _CELL = BLOCK_PX // 2  # of a block on the second level
@@ -25,6 +36,7 @@ _LEAST_RISE = 10.0  # mean change over two px of the second level, quarters of a
 _BOX_MARGIN = 2.0  # working px around an object's box that belong to it
 _FRACTIONS = 16  # of a px, in which patches are read between pixels
 _STEP_PX = 1.5  # the gradient method is blind farther than this
+_NEAR_PX, _FEW_SHARE = 0.75, 0.1  # where no more than a few blocks went farther in one step, one is enough
 _LARGEST_ERROR = 0.35  # of the block's own variance: a worse match is none
 _COARSE_PX = (3, 5)  # of the smallest level, down and across
 _FINE_PX = 1
@@ -37,33 +49,43 @@ class _Patches:
     Attributes:
         tops: (N,) first row of each patch on its level.
         lefts: (N,) first column.
-        values: (N, side²) float64, whole.
+        values: (N, side²) int16.
         gradients: (2, N, side²) float64 across and down, twice the slope, without their mean.
-        inverse: (3, N) of the matrices of the gradients: xx, xy, yy; times 2.
+        inverse: (2, 2, N) of the matrices of the gradients, times -2.
     """
 
     tops: Ints
     lefts: Ints
-    values: Floats
+    values: NDArray[np.int16]
     gradients: Floats
     inverse: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Blocks:
     """Textured blocks of a reference picture; N of them.
 
     Attributes:
+        picture: the reference.
         centres: (N, 2) x and y in working px.
         low: patches on the first level.
-        high: patches on the second level, around the same centres where there is room.
         variances: (N,) of the values on the first level, times their number.
     """
 
+    picture: Pyramid
     centres: Floats
     low: _Patches
-    high: _Patches
     variances: Floats
+
+    @cached_property
+    def high(self) -> _Patches:
+        """Patches on the second level, around the same centres where there is room."""
+        picture = self.picture.level(1)
+        top, left = (
+            np.clip((first + _CELL) // 2 - _CELL, 1, side - BLOCK_PX - 1)
+            for first, side in zip((self.low.tops, self.low.lefts), picture.shape, strict=True)
+        )
+        return _patches(picture, top, left)
 
     def __len__(self) -> int:
         return len(self.centres)
@@ -94,7 +116,7 @@ def choose_blocks(pyramid: Pyramid, boxes: Floats) -> Blocks | None:
     Returns:
         Up to one block of every four; None where the picture is too small for any, or has none.
     """
-    high = pyramid.levels[1].astype(np.int32)
+    high = pyramid.level(1).astype(np.int32)
     rows, columns = ((side - 2) // _CELL - 1 for side in high.shape)
     if rows < 1 or columns < 1 or min(high.shape) < BLOCK_PX + 4:
         return None
@@ -105,36 +127,30 @@ def choose_blocks(pyramid: Pyramid, boxes: Floats) -> Blocks | None:
     strength = (xx + yy) / 2 - np.sqrt(((xx - yy) / 2) ** 2 + xy**2)  # the smaller eigenvalue
     tops = (np.arange(rows) * _CELL + first) * 2
     lefts = (np.arange(columns) * _CELL + first) * 2
-    corners = np.stack(np.broadcast_arrays(lefts[None, :], tops[:, None]), axis=2).reshape(-1, 2).astype(np.float64)
-    strength = np.where(_is_covered(corners, boxes).reshape(rows, columns), 0.0, strength)
+    corners = np.empty((rows, columns, 2))
+    corners[:, :, 0], corners[:, :, 1] = lefts, tops[:, None]
+    corners = corners.reshape(-1, 2)
+    strength[_is_covered(corners, boxes).reshape(rows, columns)] = 0.0
     chosen = _best_of_four(strength)
     chosen = chosen[strength.reshape(-1)[chosen] >= _CELL**2 * _LEAST_RISE**2]
     if not len(chosen):
         return None
     top, left = tops[chosen // columns], lefts[chosen % columns]
-    low = _patches(pyramid.levels[0], top, left)
-    shape = pyramid.levels[1].shape
-    middle = [(place + _CELL) // 2 - _CELL for place in (top, left)]
-    inside = [np.clip(place, 1, side - BLOCK_PX - 1) for place, side in zip(middle, shape, strict=True)]
-    return Blocks(
-        corners[chosen] + _CELL,
-        low,
-        _patches(pyramid.levels[1], *inside),
-        _errors(low.values),
-    )
+    low = _patches(pyramid.level(0), top, left)
+    return Blocks(pyramid, corners[chosen] + _CELL, low, _errors(low.values))
 
 
 def _cell_sums(products: NDArray[np.int32], rows: int, columns: int) -> Floats:
-    by_row = products.reshape(rows, _CELL, columns * _CELL).sum(axis=1, dtype=np.int64)
-    sums: Floats = by_row.reshape(rows, columns, _CELL).sum(axis=2).astype(np.float64)
+    by_row = products.reshape(rows, _CELL, columns * _CELL).sum(axis=1, dtype=np.int32)  # below 64 * 1020²
+    sums: Floats = by_row.reshape(rows, columns, _CELL).sum(axis=2, dtype=np.int32).astype(np.float64)
     return sums
 
 
 def _best_of_four(strength: Floats) -> Ints:
     """Flat numbers of the strongest of every two by two blocks."""
-    rows, columns = strength.shape
-    numbers = np.pad(np.arange(strength.size).reshape(rows, columns), ((0, rows % 2), (0, columns % 2)), mode="edge")
-    fours = np.stack([numbers[top::2, left::2].reshape(-1) for top in (0, 1) for left in (0, 1)], axis=1)
+    down, across = (np.minimum(np.arange(side + side % 2), side - 1).reshape(-1, 2) for side in strength.shape)
+    fours = down[:, None, :, None] * strength.shape[1] + across[None, :, None, :]  # the last row or column may be twice
+    fours = fours.reshape(-1, 4)
     best = strength.reshape(-1)[fours].argmax(axis=1)
     chosen: Ints = fours[np.arange(len(best)), best].astype(np.int64)
     return chosen
@@ -142,6 +158,8 @@ def _best_of_four(strength: Floats) -> Ints:
 
 def _is_covered(corners: Floats, boxes: Floats) -> NDArray[np.bool_]:
     """Which blocks (N,), given by left and top (N, 2), touch a box (M, 4), all in working px."""
+    if not len(boxes):
+        return np.zeros(len(corners), np.bool_)
     near, far = corners[:, None, :] - _BOX_MARGIN, corners[:, None, :] + (BLOCK_PX + _BOX_MARGIN)
     is_beside: NDArray[np.bool_] = (near >= boxes[None, :, 2:]) | (far <= boxes[None, :, :2])  # (N, M, 2)
     touches: NDArray[np.bool_] = ~np.all(np.any(is_beside, axis=2), axis=1)
@@ -150,29 +168,24 @@ def _is_covered(corners: Floats, boxes: Floats) -> NDArray[np.bool_]:
 
 def _patches(picture: NDArray[np.int16], tops: Ints, lefts: Ints) -> _Patches:
     wide = gather(picture, tops - 1, lefts - 1, BLOCK_PX + 2)
-    count = len(tops)
-    across = (wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]).reshape(count, -1)
-    down = (wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]).reshape(count, -1)
-    gradients = np.stack([across, down]).astype(np.float64)  # (2, N, P)
+    slopes = np.empty((2, len(tops), BLOCK_PX, BLOCK_PX))
+    np.subtract(wide[:, 1:-1, 2:], wide[:, 1:-1, :-2], out=slopes[0])
+    np.subtract(wide[:, 2:, 1:-1], wide[:, :-2, 1:-1], out=slopes[1])
+    gradients = slopes.reshape(2, len(tops), -1)
     gradients -= gradients.sum(axis=2, keepdims=True) / BLOCK_PX**2  # a power of two: the mean is exact
     xx, yy = np.einsum("knp,knp->kn", gradients, gradients)
     xy = np.einsum("np,np->n", gradients[0], gradients[1])
-    determinant = np.maximum(xx * yy - xy * xy, 1.0)
-    inverse = np.stack([yy, -xy, xx]) * (2.0 / determinant)
-    values = wide[:, 1:-1, 1:-1].reshape(count, -1).astype(np.float64)
-    return _Patches(tops, lefts, values, gradients, inverse)
+    inverse = np.array([[yy, -xy], [-xy, xx]]) * (-2.0 / np.maximum(xx * yy - xy * xy, 1.0))
+    return _Patches(tops, lefts, wide[:, 1:-1, 1:-1].reshape(len(tops), -1), gradients, inverse)
 
 
-def _steps(patches: _Patches, differences: Floats) -> Floats:
+def _steps(patches: _Patches, differences: _Differences) -> Floats:
     """Shifts (N, 2) that the gradient method reads from what patches differ by (N, P), in px of the level."""
-    slopes_x = np.einsum("np,np->n", patches.gradients[0], differences)
-    slopes_y = np.einsum("np,np->n", patches.gradients[1], differences)
-    xx, xy, yy = patches.inverse
-    steps = np.empty((len(slopes_x), 2))
-    steps[:, 0] = -(xx * slopes_x + xy * slopes_y)
-    steps[:, 1] = -(xy * slopes_x + yy * slopes_y)
+    slopes = np.einsum("knp,np->kn", patches.gradients, differences.astype(np.float64))
+    from_x, from_y = patches.inverse * slopes[:, None]
+    steps = from_x + from_y
     limited: Floats = np.minimum(np.maximum(steps, -_STEP_PX), _STEP_PX)
-    return limited
+    return limited.T
 
 
 def _placed(
@@ -188,15 +201,14 @@ def _placed(
     return found, (inside_tops == tops) & (inside_lefts == lefts)
 
 
-def _differences(picture: NDArray[np.int16], patches: _Patches, shifts: Ints) -> Floats:
+def _differences(picture: NDArray[np.int16], patches: _Patches, shifts: Ints) -> NDArray[np.int16]:
     found, _ = _placed(picture, patches, shifts)
-    apart: Floats = found.reshape(len(found), -1) - patches.values
-    return apart
+    return found.reshape(len(found), -1) - patches.values
 
 
 def shifts_from_rest(blocks: Blocks, now: Pyramid, boxes: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """First guesses (N, 2) for blocks that have hardly moved, working px, and which blocks (N,) can be seen."""
-    differences = _differences(now.levels[0], blocks.low, np.zeros((len(blocks), 2), np.int64))
+    differences = _differences(now.level(0), blocks.low, np.zeros((len(blocks), 2), np.int64))
     return _steps(blocks.low, differences), ~_is_covered(blocks.centres - _CELL, boxes)
 
 
@@ -209,15 +221,22 @@ def follow(blocks: Blocks, now: Pyramid, boxes: Floats, guesses: Floats) -> Matc
         boxes: xyxy (M, 4) in working px of its objects.
         guesses: (G, N, 2) where each block may have gone, working px; the one whose pixels fit best is taken.
     """
-    high, picture = blocks.high, now.levels[1]
+    high, picture = blocks.high, now.level(1)
     wholes, differences = _best_guess(blocks, picture, guesses)
     wholes = np.rint(wholes + _steps(high, differences)).astype(np.int64)
     differences = _differences(picture, high, wholes)
-    shifts = 2 * (wholes + _steps(high, differences))
-    low, picture = blocks.low, now.levels[0]
-    wholes = np.rint(shifts).astype(np.int64)
-    differences = _differences(picture, low, wholes)
-    shifts = wholes + _steps(low, differences)
+    return follow_nearby(blocks, now, boxes, 2 * (wholes + _steps(high, differences)))
+
+
+def follow_nearby(blocks: Blocks, now: Pyramid, boxes: Floats, shifts: Floats) -> Matches:
+    """As ``follow``, for blocks of which it is known to within a px or two where they went: ``shifts`` (N, 2)."""
+    low, picture = blocks.low, now.level(0)
+    for _ in range(2):
+        wholes = np.rint(shifts).astype(np.int64)
+        steps = _steps(low, _differences(picture, low, wholes))
+        shifts = wholes + steps
+        if np.count_nonzero(np.abs(steps) > _NEAR_PX) <= _FEW_SHARE * steps.size:
+            break
     sixteenths = np.rint(shifts * _FRACTIONS).astype(np.int64)
     differences, is_inside = _differences_between(picture, low, sixteenths)
     is_alike = _errors(differences) <= _LARGEST_ERROR * blocks.variances
@@ -227,7 +246,7 @@ def follow(blocks: Blocks, now: Pyramid, boxes: Floats, guesses: Floats) -> Matc
     return Matches(shifts, is_alike & is_seen & (np.abs(last) < 0.5).all(axis=1), is_seen)
 
 
-def _best_guess(blocks: Blocks, picture: NDArray[np.int16], guesses: Floats) -> tuple[Ints, Floats]:
+def _best_guess(blocks: Blocks, picture: NDArray[np.int16], guesses: Floats) -> tuple[Ints, NDArray[np.int16]]:
     wholes = np.rint(guesses / 2).astype(np.int64)
     found = [_differences(picture, blocks.high, one) for one in wholes]
     if len(found) == 1:
@@ -236,29 +255,32 @@ def _best_guess(blocks: Blocks, picture: NDArray[np.int16], guesses: Floats) -> 
     return wholes[best, rows], np.stack(found)[best, rows]
 
 
-def _errors(differences: Floats) -> Floats:
+def _errors(differences: _Differences) -> Floats:
     """Squares of differences (N, P), summed (N,), when their mean has been taken off: light may change."""
-    squares: Floats = np.einsum("np,np->n", differences, differences)
-    squares -= differences.sum(axis=1) ** 2 / differences.shape[1]
+    exact = differences.astype(np.float64)
+    squares: Floats = np.einsum("np,np->n", exact, exact)
+    squares -= exact.sum(axis=1) ** 2 / exact.shape[1]
     return squares
 
 
 def _differences_between(
     picture: NDArray[np.int16], patches: _Patches, sixteenths: Ints
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """As ``_differences`` at shifts in sixteenths of a px, read linearly between pixels."""
     wholes = sixteenths >> 4
     found, is_inside = _placed(picture, patches, wholes, extra=1)
-    across, down = (sixteenths - (wholes << 4)).T.astype(np.int32)[:, :, None, None]
-    lines = found[:, :, :-1] * (_FRACTIONS - across) + found[:, :, 1:] * across
-    values = lines[:, :-1] * (_FRACTIONS - down) + lines[:, 1:] * down
-    return values.reshape(len(values), -1) / _FRACTIONS**2 - patches.values, is_inside
+    across, down = (sixteenths - (wholes << 4)).T.astype(np.int16)[:, :, None, None]
+    lines = found[:, :, :-1] * (_FRACTIONS - across)  # below 2¹⁵
+    lines += found[:, :, 1:] * across
+    values, share = lines.astype(np.float32), down.astype(np.float32) / _FRACTIONS**2
+    values = values[:, :-1] * (1 / np.float32(_FRACTIONS) - share) + values[:, 1:] * share  # exact: below 2¹⁰ in 2⁻⁸
+    return values.reshape(len(values), -1) - patches.values, is_inside
 
 
 def coarse_shift(before: Pyramid, now: Pyramid) -> Floats:
     """The shift (2,) of the picture as a whole, across and down in working px, to within two of them."""
-    start = _search(before.levels[3], now.levels[3], (0, 0), _COARSE_PX)
-    down, across = _search(before.levels[2], now.levels[2], (2 * start[0], 2 * start[1]), (_FINE_PX, _FINE_PX))
+    start = _search(before.level(3), now.level(3), (0, 0), _COARSE_PX)
+    down, across = _search(before.level(2), now.level(2), (2 * start[0], 2 * start[1]), (_FINE_PX, _FINE_PX))
     return np.array([4.0 * across, 4.0 * down])
 
 

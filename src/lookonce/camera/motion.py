@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.camera.blocks import Blocks, Matches, choose_blocks, coarse_shift, follow, shifts_from_rest
-from lookonce.camera.pictures import Pyramid, make_pyramid
+from lookonce.camera.blocks import Blocks, Matches, choose_blocks, coarse_shift, follow, follow_nearby, shifts_from_rest
+from lookonce.camera.pictures import Pyramid, make_pyramid, pyramid_of_level
 from lookonce.camera.similarity import apply, compose, fit_similarity, identity, invert, largest_shift
+from lookonce.camera.state import CameraState, read_state, write_state
 from lookonce.structures import check_array, check_finite
 
 __all__ = ["CameraMotion"]
@@ -21,6 +25,7 @@ _LEAST_BLOCKS = 8
 _REST_PX = 0.3  # working px; less is noise, or no matter to any box
 _RESTING_SHARE = 0.5  # of the blocks in sight that have not moved: the camera has not either
 _AGREEING_SHARE = 0.5  # of the blocks in sight that a motion must explain
+_CLEAR_SHARE = 0.8  # of the blocks in sight that are found near to where they were expected: no need to look farther
 _LEFT_BEHIND_SHARE = 0.25  # of the blocks in sight that may rest while the others move: a bonnet, a logo, a clock
 _TOLERANCE_PX = 0.5  # working px by which a block may be off, and of the motion this share:
 _TOLERANCE_SHARE = 0.1
@@ -59,24 +64,29 @@ class _Seen:
         return boxes
 
 
+_NO_FRAME = _Seen(np.zeros((0, 0), np.uint8), np.zeros((0, 4), np.float32), (1, 1), 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class _Reference:
     """A frame with which later ones are compared.
 
     Attributes:
         picture: its pictures.
+        boxes: (M, 4) of its objects, working px.
         blocks: to be followed; None where there are none.
         time_s: when it was.
     """
 
     picture: Pyramid
+    boxes: Floats
     blocks: Blocks | None
     time_s: float
 
     @classmethod
-    def of(cls, seen: _Seen, picture: Pyramid) -> _Reference:
-        """Of one frame."""
-        return cls(picture, choose_blocks(picture, seen.boxes(picture)), seen.time_s)
+    def of(cls, picture: Pyramid, boxes: Floats, time_s: float) -> _Reference:
+        """With the blocks of a picture."""
+        return cls(picture, boxes, choose_blocks(picture, boxes), time_s)
 
 
 class CameraMotion:
@@ -137,12 +147,53 @@ class CameraMotion:
         step = self._wait(before, now, picture) if self._is_still else self._go_on(now, picture)
         return identity() if step is None else _to_frame(step, size, picture)
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all that it remembers to one file; :meth:`load` goes on with it as if nothing had happened.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        last, reference = self._last or _NO_FRAME, self._reference
+        motions = [self._pose, self._wander, identity() if self._step is None else self._step]
+        times = [last.time_s, 0.0 if reference is None else reference.time_s, self._moved_s, self._looked_s]
+        state = CameraState(
+            self._is_still,
+            self._step is not None,
+            (int(last.size[0]), int(last.size[1])),
+            last.luma,
+            last.xyxy,
+            np.zeros((0, 0), np.int16) if reference is None else reference.picture.level(0),
+            np.zeros((0, 4)) if reference is None else reference.boxes,
+            np.stack(motions),
+            np.array(times),
+        )
+        write_state(Path(path), state)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """As it was when it was saved; the file is checked, and nothing in it is unpickled or run.
+
+        Raises:
+            FormatError: the file is something else, of another version, damaged or cut short.
+        """
+        state, camera = read_state(Path(path)), cls()
+        (height, width), times = state.luma.shape, state.times.tolist()
+        if state.has_frame:
+            camera._last = _Seen(state.luma, state.xyxy, state.size, times[0])
+        if state.has_reference:
+            picture = pyramid_of_level(state.reference, (height, width))
+            camera._reference = _Reference.of(picture, state.reference_boxes, times[1])
+        camera._pose, camera._wander, step = state.motions
+        camera._step = step if state.has_step else None
+        camera._is_still, camera._moved_s, camera._looked_s = state.is_still, times[2], times[3]
+        return camera
+
     def _begin(self, time_s: float) -> None:
         """Forgets everything but the frame before."""
         self._reference: _Reference | None = None
         self._pose = identity()  # from the reference to the last frame, working px
         self._wander = identity()  # since the camera was last said to move
-        self._step = identity()  # the last motion
+        self._step: Floats | None = None  # the last motion, if it is known
         self._is_still, self._moved_s, self._looked_s = True, time_s, -math.inf
 
     def _is_asleep(self, time_s: float) -> bool:
@@ -151,50 +202,48 @@ class CameraMotion:
 
     def _wait(self, before: _Seen, now: _Seen, picture: Pyramid) -> Floats | None:
         """Looks whether a camera that stood still has begun to move."""
-        reference = self._reference
+        reference, boxes = self._reference, now.boxes(picture)
         if reference is None or reference.blocks is None:
-            self._reference = _Reference.of(now, picture)
+            self._reference = _Reference.of(picture, boxes, now.time_s)
             return None
-        boxes = now.boxes(picture)
         guesses, is_seen = shifts_from_rest(reference.blocks, picture, boxes)
         in_sight = int(is_seen.sum())
         if in_sight < _LEAST_BLOCKS or _resting(guesses[is_seen]) >= _RESTING_SHARE * in_sight:
             if now.time_s - reference.time_s >= _OLD_S or in_sight < _WORN_SHARE * len(is_seen):
-                self._reference = _Reference.of(now, picture)
+                self._reference = _Reference.of(picture, boxes, now.time_s)
             return None
         moved = None
         if _resting(guesses[is_seen]) <= _LEFT_BEHIND_SHARE * in_sight:  # else something large passes by
             moved = _estimate(reference, picture, boxes, [identity()])
-        self._reference = _Reference.of(now, picture)
+        self._reference = _Reference.of(picture, boxes, now.time_s)
         if moved is None or largest_shift(moved, picture.shape) < _REST_PX:
             return None
         self._is_still, self._moved_s = False, now.time_s
         self._pose, self._wander, self._step = identity(), identity(), moved
         if before.time_s > reference.time_s:  # it may have begun some frames ago
-            earlier = _Reference.of(before, make_pyramid(before.luma))
-            step = _estimate(earlier, picture, boxes, [identity(), moved])
-            self._step = identity() if step is None else step
+            there = make_pyramid(before.luma)
+            earlier = _Reference.of(there, before.boxes(there), before.time_s)
+            self._step = _estimate(earlier, picture, boxes, [identity(), moved])
         return self._step
 
     def _go_on(self, now: _Seen, picture: Pyramid) -> Floats | None:
         """Follows a camera that moves."""
         reference, boxes = self._reference, now.boxes(picture)
         assert reference is not None
-        moved = _estimate(reference, picture, boxes, [self._pose, compose(self._step, self._pose)])
-        step = None
-        if moved is None:
-            self._step = identity()
-        else:
-            step = self._step = compose(moved, invert(self._pose))
+        expected = [self._pose] if self._step is None else [self._pose, compose(self._step, self._pose)]
+        moved = _estimate(reference, picture, boxes, expected)
+        step = None if moved is None else compose(moved, invert(self._pose))
+        self._step = step
+        if moved is not None and step is not None:
             self._pose = moved
             self._wander = compose(step, self._wander)
             if largest_shift(self._wander, picture.shape) >= _REST_PX:
                 self._wander, self._moved_s = identity(), now.time_s
         is_far = moved is None or largest_shift(moved, picture.shape) > _FAR_PX
         if is_far or now.time_s - reference.time_s >= _OLD_S:
-            self._reference, self._pose = _Reference.of(now, picture), identity()
+            self._reference, self._pose = _Reference.of(picture, boxes, now.time_s), identity()
         if now.time_s - self._moved_s >= _STILL_AFTER_S:
-            self._reference, self._pose, self._is_still = _Reference.of(now, picture), identity(), True
+            self._reference, self._pose, self._is_still = _Reference.of(picture, boxes, now.time_s), identity(), True
         return step
 
 
@@ -242,10 +291,17 @@ def _estimate(reference: _Reference, picture: Pyramid, boxes: Floats, expected: 
     blocks = reference.blocks
     if blocks is None or len(blocks) < _LEAST_BLOCKS:
         return None
+    *_, likely = expected
+    if len(expected) > 1:
+        matches = follow_nearby(blocks, picture, boxes, apply(likely, blocks.centres) - blocks.centres)
+        if np.count_nonzero(matches.is_found) >= _CLEAR_SHARE * np.count_nonzero(matches.is_seen):
+            found = _judge(matches, blocks, picture.shape)
+            if found is not None:
+                return found
     guesses = np.stack([apply(affine, blocks.centres) - blocks.centres for affine in expected])
     matches = follow(blocks, picture, boxes, guesses)
     found = _judge(matches, blocks, picture.shape)
-    if found is not None or int(matches.is_found.sum()) >= _AGREEING_SHARE * int(matches.is_seen.sum()):
+    if found is not None or np.count_nonzero(matches.is_found) >= _AGREEING_SHARE * np.count_nonzero(matches.is_seen):
         return found  # what was found and does not agree would not agree better if it were looked for elsewhere
     surprise = np.broadcast_to(coarse_shift(reference.picture, picture), guesses[:1].shape)
     return _judge(follow(blocks, picture, boxes, np.concatenate([guesses, surprise])), blocks, picture.shape)
@@ -253,15 +309,16 @@ def _estimate(reference: _Reference, picture: Pyramid, boxes: Floats, expected: 
 
 def _judge(matches: Matches, blocks: Blocks, shape: tuple[int, int]) -> Floats | None:
     """The motion that the matches agree on; None where too few do, or it is none that a camera makes."""
-    in_sight, found = int(matches.is_seen.sum()), matches.is_found
-    if in_sight < _LEAST_BLOCKS or int(found.sum()) < max(_LEAST_BLOCKS, _AGREEING_SHARE * in_sight):
+    in_sight, found = np.count_nonzero(matches.is_seen), matches.is_found
+    enough = max(_LEAST_BLOCKS, _AGREEING_SHARE * in_sight)
+    if in_sight < _LEAST_BLOCKS or np.count_nonzero(found) < enough:
         return None
     points, shifts = blocks.centres[found], matches.shifts[found]
     typical = float(np.sort(np.abs(shifts).sum(axis=1))[len(shifts) // 2])
     tolerance = _TOLERANCE_PX + _TOLERANCE_SHARE * typical
     affine, off = fit_similarity(points, shifts, shape, tolerance)
     agrees = off <= tolerance
-    if int(agrees.sum()) < max(_LEAST_BLOCKS, _AGREEING_SHARE * in_sight) or not _is_possible(affine, shape):
+    if np.count_nonzero(agrees) < enough or not _is_possible(affine, shape):
         return None
     if _resting(shifts[~agrees]) > _LEFT_BEHIND_SHARE * in_sight:
         return None
@@ -281,12 +338,11 @@ def _is_possible(affine: Floats, shape: tuple[int, int]) -> bool:
 
 def _is_spread(agreeing: Floats, seen: Floats, shape: tuple[int, int]) -> bool:
     """Whether a motion holds in most of the quarters of the picture in which blocks are in sight."""
-    middle = np.array([shape[1] / 2, shape[0] / 2])
 
     def by_quarter(points: Floats) -> NDArray[np.int64]:
-        right_or_below = points > middle
-        return np.bincount(2 * right_or_below[:, 1] + right_or_below[:, 0], minlength=4)
+        is_right, is_below = points[:, 0] > shape[1] / 2, points[:, 1] > shape[0] / 2
+        return np.bincount(2 * is_below + is_right, minlength=4)
 
-    is_filled = by_quarter(seen) >= _LEAST_OF_A_QUARTER
-    holds = by_quarter(agreeing) * 3 >= by_quarter(seen)
-    return int((is_filled & ~holds).sum()) <= 1
+    in_sight = by_quarter(seen)
+    fails = (in_sight >= _LEAST_OF_A_QUARTER) & (by_quarter(agreeing) * 3 < in_sight)
+    return int(fails.sum()) <= 1

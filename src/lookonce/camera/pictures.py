@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from lookonce.letterbox import Fit
 
-__all__ = ["LEVELS", "Pyramid", "gather", "luma_of_canvas", "make_pyramid", "windows"]
+__all__ = ["Pyramid", "gather", "luma_of_canvas", "make_pyramid", "pyramid_of_level", "windows", "working_size"]
 
-LEVELS = 4
 _LONG_SIDE_PX = 320  # what the longer side of the lowest level is near to; below, sub-pixel precision goes
 _FULL_SCALE = 4  # a grey level in units of the pyramid: the mean of four pixels keeps its fraction
+_MOST_INTERLEAVED = 4  # bytes of a px of which one is the luma; pictures with more are copied first
 _GREEN = 1  # carries 6 to 7 tenths of the luma
 
 
@@ -33,17 +35,24 @@ def luma_of_canvas(canvas: NDArray[np.uint8], placed: Fit) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, slots=True)
 class Pyramid:
-    """A picture at four sizes, each half of the one before.
+    """A picture at sizes each of which is half of the one before.
 
     Attributes:
-        levels: (h, w) int16 each, in quarters of a grey level; "working px" are those of the first.
+        levels: (h, w) int16 each, in quarters of a grey level, as far as they are made; ``level`` gives them. "Working
+            px" are those of the first.
         factor: px of the picture for one of the first level.
         size: (height, width) of the picture that it was made from.
     """
 
-    levels: tuple[NDArray[np.int16], ...]
+    levels: list[NDArray[np.int16]]
     factor: int
     size: tuple[int, int]
+
+    def level(self, number: int) -> NDArray[np.int16]:
+        """A level (h, w) from 0, made when it is first asked for: most frames need one or two."""
+        while len(self.levels) <= number:
+            self.levels.append(_halve(self.levels[-1]))
+        return self.levels[number]
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -55,23 +64,37 @@ class Pyramid:
 def make_pyramid(luma: NDArray[np.uint8]) -> Pyramid:
     """The pyramid of a grey picture (h, w) uint8 of any size; its rows and columns may be apart in memory."""
     height, width = luma.shape
-    factor = max(1, (max(height, width) + _LONG_SIDE_PX // 2) // _LONG_SIDE_PX)
-    first = _shrink(luma, factor)
-    levels = [first]
-    for _ in range(LEVELS - 1):
-        levels.append(_halve(levels[-1]))
-    return Pyramid(tuple(levels), factor, (height, width))
+    factor = _factor((height, width))
+    return Pyramid([_shrink(luma, factor)], factor, (height, width))
+
+
+def pyramid_of_level(first: NDArray[np.int16], size: tuple[int, int]) -> Pyramid:
+    """The pyramid of a picture of ``size`` (height, width) whose first level is at hand, of ``working_size``."""
+    return Pyramid([first], _factor(size), size)
+
+
+def working_size(size: tuple[int, int]) -> tuple[int, int]:
+    """(height, width) of the first level of a picture of ``size``."""
+    factor = _factor(size)
+    return size[0] // factor, size[1] // factor
+
+
+def _factor(size: tuple[int, int]) -> int:
+    return max(1, (max(size) + _LONG_SIDE_PX // 2) // _LONG_SIDE_PX)
 
 
 def _shrink(luma: NDArray[np.uint8], factor: int) -> NDArray[np.int16]:
     """Means of ``factor`` x ``factor`` px in quarters of a grey level; of large blocks nine px stand for all."""
     height, width = (side // factor for side in luma.shape)
     picked = range(factor) if factor <= 3 else (factor // 6, factor // 2, factor - 1 - factor // 6)
-    cut = luma[: height * factor, : width * factor]
-    total = np.zeros((height, width), np.uint16)
-    for down in picked:
-        for across in picked:
-            total += cut[down::factor, across::factor].astype(np.uint16)  # twice as fast as to add bytes
+    if not 1 <= luma.strides[1] <= _MOST_INTERLEAVED:
+        luma = np.ascontiguousarray(luma)
+    apart = luma.strides[1]
+    rows = as_strided(luma, (height * factor, (luma.shape[1] - 1) * apart + 1), (luma.strides[0], 1), writeable=False)
+    lines = (rows[down::factor] for down in picked)  # with what lies between: one byte after the other is faster
+    added = reduce(lambda one, other: np.add(one, other, dtype=np.uint16), lines)
+    columns = (added[:, across * apart :: factor * apart][:, :width] for across in picked)
+    total = reduce(np.add, columns).astype(np.uint16)
     if len(picked) != 2:  # else the sum of four is what is wanted
         total *= _FULL_SCALE
         total //= len(picked) ** 2

@@ -6,6 +6,8 @@ exact; what follows them is plain arithmetic on single numbers. So the result is
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ _NEAR_SHARE = 0.25  # of the picture's longer side: what two blocks of a guess a
 _ROUNDS = 4
 _ENOUGH_TO_TURN = 16  # points; fewer tell a shift only
 _CLEAR_SHARE = 0.8  # of the points that agree: no other answer can have more
+_CLOSEST_SHARE = 0.75  # of the points that agree: the last answer is theirs, some of the others are a little wrong
 _WIDE_SPREAD = 0.12  # standard deviation of the places over the longer side; below, turn and zoom cannot be told
 
 
@@ -56,10 +59,10 @@ def invert(affine: Floats) -> Floats:
 
 def largest_shift(affine: Floats, size: tuple[int, int]) -> float:
     """How far the farthest corner of a picture of ``size`` (height, width) moves, px."""
-    height, width = size
-    corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
-    moved = apply(affine, corners) - corners
-    return float(np.sqrt((moved * moved).sum(axis=1)).max())
+    (a, b, c), (d, e, f) = affine.tolist()
+    corners = ((x, y) for x in (0, size[1]) for y in (0, size[0]))
+    shifts = ((a * x + b * y + c - x, d * x + e * y + f - y) for x, y in corners)
+    return math.sqrt(max(across * across + down * down for across, down in shifts))
 
 
 def residuals(affine: Floats, points: Floats, shifts: Floats) -> Floats:
@@ -74,7 +77,7 @@ def fit_similarity(points: Floats, shifts: Floats, size: tuple[int, int], tolera
 
     Least squares do where nearly all agree. Otherwise guesses are made from each point alone (a shift) and from pairs
     that lie far apart; the one with most points within twice the tolerance wins, the first of equals, and least squares
-    over those points end it.
+    over those points follow. The three quarters that agree best have the last word.
 
     Args:
         points: (N, 2) px, multiples of 1/2; N >= 1.
@@ -83,30 +86,35 @@ def fit_similarity(points: Floats, shifts: Floats, size: tuple[int, int], tolera
         tolerance: how far a point may be off, px.
 
     Returns:
-        The affine, and how far each point (N,) is off.
+        The affine, and how far each point (N,) is off that of all that agree.
     """
-    everything = np.ones(len(points), np.bool_)
-    affine, off = _refine(points, shifts, max(size), tolerance, everything)
-    if int((off <= tolerance).sum()) >= _CLEAR_SHARE * len(points):
-        return affine, off
-    guesses = _guesses(points, shifts, max(size))
-    x, y = points[:, 0], points[:, 1]
-    off_x = guesses[:, :1] * x - guesses[:, 1:2] * y + guesses[:, 2:3] - shifts[:, 0]
-    off_y = guesses[:, 1:2] * x + guesses[:, :1] * y + guesses[:, 3:] - shifts[:, 1]
-    agrees = off_x * off_x + off_y * off_y <= 4 * tolerance * tolerance  # (G, N)
-    return _refine(points, shifts, max(size), tolerance, agrees[int(agrees.sum(axis=1).argmax())])
+    table = np.concatenate([np.ones((len(points), 1)), points, shifts], axis=1)
+    affine, off = _refine(table, max(size), tolerance, None)
+    if np.count_nonzero(off <= tolerance) < _CLEAR_SHARE * len(points):
+        guesses = _guesses(points, shifts, max(size))
+        x, y = points[:, 0], points[:, 1]
+        off_x = guesses[:, :1] * x - guesses[:, 1:2] * y + guesses[:, 2:3] - shifts[:, 0]
+        off_y = guesses[:, 1:2] * x + guesses[:, :1] * y + guesses[:, 3:] - shifts[:, 1]
+        agrees = off_x * off_x + off_y * off_y <= 4 * tolerance * tolerance  # (G, N)
+        affine, off = _refine(table, max(size), tolerance, agrees[int(agrees.sum(axis=1).argmax())])
+    agreeing = np.sort(off[off <= tolerance])
+    count = int(_CLOSEST_SHARE * len(agreeing))
+    if count >= _ENOUGH_TO_TURN:
+        affine = _least_squares(table[off <= agreeing[count - 1]], max(size))
+    return affine, off
 
 
-def _refine(
-    points: Floats, shifts: Floats, side: int, tolerance: float, chosen: NDArray[np.bool_]
-) -> tuple[Floats, Floats]:
-    """Least squares over the chosen points, then over those that agree with it, until these stay the same."""
+def _refine(table: Floats, side: int, tolerance: float, chosen: NDArray[np.bool_] | None) -> tuple[Floats, Floats]:
+    """Least squares over the chosen rows (None: all), then over those that agree with it, until these stay the same.
+
+    A row of the table (N, 5) is 1, x, y, and the shift across and down.
+    """
     affine, off = identity(), np.zeros(0)
     for _ in range(_ROUNDS):
-        affine = _least_squares(points[chosen], shifts[chosen], side)
-        off = residuals(affine, points, shifts)
+        affine = _least_squares(table if chosen is None else table[chosen], side)
+        off = residuals(affine, table[:, 1:3], table[:, 3:])
         earlier, chosen = chosen, off <= tolerance
-        if not chosen.any() or np.array_equal(earlier, chosen):
+        if not chosen.any() or (chosen.all() if earlier is None else np.array_equal(earlier, chosen)):
             break
     return affine, off
 
@@ -133,31 +141,16 @@ def _guesses(points: Floats, shifts: Floats, side: int) -> Floats:
     return np.concatenate([alone, pairs])
 
 
-def _affine(parameters: Floats) -> Floats:
-    zoom, turn, across, down = parameters.tolist()
-    return np.array([[1 + zoom, -turn, across], [turn, 1 + zoom, down]])
-
-
-def _least_squares(points: Floats, shifts: Floats, side: int) -> Floats:
-    """Over all points; only the mean shift where they are too few or too close to tell more."""
-    count = len(points)
-    x, y = points[:, 0], points[:, 1]
-    across, down = shifts[:, 0], shifts[:, 1]
-    sum_x, sum_y, sum_across, sum_down = (float(values.sum()) for values in (x, y, across, down))
-    spread = float((x * x + y * y).sum()) - (sum_x * sum_x + sum_y * sum_y) / count
+def _least_squares(table: Floats, side: int) -> Floats:
+    """Over all rows; only the mean shift where they are too few or too close to tell more."""
+    count = len(table)
+    (_, sum_x, sum_y, sum_across, sum_down), of_x, of_y, *_ = (table.T @ table).tolist()  # exact, in any order
+    spread = of_x[1] + of_y[2] - (sum_x * sum_x + sum_y * sum_y) / count
     zoom = turn = 0.0
     if count >= _ENOUGH_TO_TURN and spread >= count * (_WIDE_SPREAD * side) ** 2:
-        zoom = float((x * across + y * down).sum()) - (sum_x * sum_across + sum_y * sum_down) / count
-        turn = float((x * down - y * across).sum()) - (sum_x * sum_down - sum_y * sum_across) / count
-        zoom, turn = zoom / spread, turn / spread
+        zoom = (of_x[3] + of_y[4] - (sum_x * sum_across + sum_y * sum_down) / count) / spread
+        turn = (of_x[4] - of_y[3] - (sum_x * sum_down - sum_y * sum_across) / count) / spread
     mean_x, mean_y = sum_x / count, sum_y / count
-    return _affine(
-        np.array(
-            [
-                zoom,
-                turn,
-                sum_across / count - zoom * mean_x + turn * mean_y,
-                sum_down / count - turn * mean_x - zoom * mean_y,
-            ]
-        )
-    )
+    across = sum_across / count - zoom * mean_x + turn * mean_y
+    down = sum_down / count - turn * mean_x - zoom * mean_y
+    return np.array([[1 + zoom, -turn, across], [turn, 1 + zoom, down]])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from lookonce.output import (
     prepare_output_folder,
     read_checkpoint,
 )
-from lookonce.pipeline import StageTimes, detector_score, share_processors, track_video, tracker_for
+from lookonce.pipeline import StageTimes, camera_for, detector_score, share_processors, track_video, tracker_for
 from lookonce.tracking import Tracker, TrackerConfig
 from lookonce.video import VideoSource, open_video, without_password
 
@@ -97,12 +98,12 @@ class _Start:
     Attributes:
         after: the last frame that is there already; -1 = none.
         sizes: bytes to keep of each result file; empty for a new run.
-        state: the tracker's state; None for a new run.
+        states: files with the states of "tracker" and "camera"; empty for a new run.
     """
 
     after: int = -1
     sizes: dict[str, int] | None = None
-    state: Path | None = None
+    states: Mapping[str, Path] = field(default_factory=dict)
 
     def keep(self, name: str) -> int | None:
         """Bytes to keep of a file; None: it is made anew."""
@@ -126,13 +127,15 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
         header = _header(detector, asdict(settings) | asdict(tracker.config))
         folder = options.output or Path("runs") / video.name
         start = _start(folder, options, header, video)
-        if start.state is not None:
-            tracker = Tracker.load(start.state, explain=options.explain)
+        if start.states:
+            tracker = Tracker.load(start.states["tracker"], explain=options.explain)
+        camera = camera_for(tracker, start.states.get("camera"))
         rate = (video.rate or _USUAL_RATE) / settings.every
         sinks = _open_sinks(folder, detector.names, header, rate, options, start)
         for sink in sinks:
             stack.enter_context(sink)
-        checkpoint = CheckpointSink(folder, tracker.save, lambda: _sizes(sinks), start.state)
+        states = {"tracker": tracker.save} | ({} if camera is None else {"camera": camera.save})
+        checkpoint = CheckpointSink(folder, states, lambda: _sizes(sinks))
         if not video.is_live:
             stack.enter_context(checkpoint)
         screen, kept = RunScreen(video, StageTimes()), () if video.is_live else (checkpoint,)
@@ -148,6 +151,7 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
                     sinks=[*sinks, *kept],
                     times=screen.times,
                     after=start.after,
+                    camera=camera,
                 )
             )
             checkpoint.finish()
@@ -184,15 +188,14 @@ def _start(folder: Path, options: RunOptions, header: dict[str, object], video: 
         files = [_MOT_FILE, _JSON_FILE, _VIDEO_FILE, _EXPLAIN_FILE, CHECKPOINT_FILE]
         if options.resume and not options.overwrite and (folder / _JSON_FILE).exists():
             raise ConfigError(f"{folder}: the run there is complete; --overwrite makes it again")
-        earlier = read_checkpoint(folder) if options.overwrite and folder.is_dir() else None
         prepare_output_folder(folder, files, options.overwrite)
-        if earlier is not None:
-            earlier.state.unlink(missing_ok=True)
+        if options.overwrite:
+            CheckpointSink.remove(folder)
         return _Start()
     if video.is_live:
         raise ConfigError(f"{video.name}: a live source cannot be gone on with; choose another folder with -o")
     _refuse_other_settings(folder / _JSON_FILE, header)
-    return _Start(checkpoint.frame, dict(checkpoint.sizes), checkpoint.state)
+    return _Start(checkpoint.frame, dict(checkpoint.sizes), checkpoint.states)
 
 
 def _refuse_other_settings(path: Path, header: dict[str, object]) -> None:
@@ -233,7 +236,7 @@ def _open_sinks(
         sinks.append(ExplainSink(folder / _EXPLAIN_FILE, header, start.keep(_EXPLAIN_FILE)))
     if options.with_video:
         path = folder / _VIDEO_FILE
-        if start.state is not None:  # a video cannot be appended to
+        if start.states:  # a video cannot be appended to
             path = path.with_stem(f"{path.stem}-from-{start.after + 1}")
         sinks.append(AnnotatedVideoSink(path, names, video_rate))
     return sinks

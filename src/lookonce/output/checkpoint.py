@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from lookonce.video.frame import Frame
 __all__ = ["CHECKPOINT_FILE", "Checkpoint", "CheckpointSink", "read_checkpoint"]
 
 CHECKPOINT_FILE = "checkpoint.json"
-_FORMAT, _VERSION = "lookonce-checkpoint", 1
+_FORMAT, _VERSION = "lookonce-checkpoint", 2  # 1: without the camera's state
+_STATE_FILE = re.compile(r"checkpoint-\d+\.(tracker|camera)(\.\d+\.part)?")
 _EVERY_S = 5.0  # a kill loses so much work at most
 _MOST_BYTES = 1 << 16
 _LARGEST = 1 << 62
@@ -31,24 +33,23 @@ class Checkpoint:
     Attributes:
         frame: the number of the last frame in the results, as in the source.
         sizes: name of each result file -> bytes that belong to these frames.
-        state: the file with the tracker's state.
+        states: what it is of, such as "tracker" -> the file with its state.
     """
 
     frame: int
     sizes: Mapping[str, int]
-    state: Path
+    states: Mapping[str, Path]
 
 
 class CheckpointSink(Sink):
     """The last sink of a run: every few seconds, and when it is closed early, it keeps where the run stands.
 
-    A state that was kept is replaced only once the next one is whole.
+    States that were kept are removed only once the next ones are whole.
 
     Args:
         folder: of the results.
-        save_state: writes the tracker's state to a file.
+        save_states: what it is of, such as "tracker" -> writes its state to a file.
         sizes: gives name and size in bytes of each result file.
-        state: the file that the run goes on from, where it does.
 
     Raises:
         OutputError: the folder cannot be written, at the first checkpoint.
@@ -57,16 +58,14 @@ class CheckpointSink(Sink):
     def __init__(
         self,
         folder: Path,
-        save_state: Callable[[Path], None],
+        save_states: Mapping[str, Callable[[Path], None]],
         sizes: Callable[[], Mapping[str, int]],
-        state: Path | None = None,
     ) -> None:
         self.path = folder / CHECKPOINT_FILE
-        self._save_state, self._sizes = save_state, sizes
+        self._save_states, self._sizes = save_states, sizes
         self._frame: int | None = None
         self._kept: int | None = None
         self._next_s = time.monotonic() + _EVERY_S
-        self._state = state
 
     def write(self, frame: Frame, tracks: Tracks) -> None:
         """Take note of a frame that all other sinks have."""
@@ -76,37 +75,45 @@ class CheckpointSink(Sink):
             self._next_s = time.monotonic() + _EVERY_S
 
     def _keep(self) -> None:
-        state = self.path.with_name(f"tracker-{self._frame}.state")
-        self._save_state(state)
-        record = {"format": _FORMAT, "format_version": _VERSION, "frame": self._frame}
+        folder, frame = self.path.parent, self._frame
+        states = {name: f"checkpoint-{frame}.{name}" for name in self._save_states}
+        for name, save in self._save_states.items():
+            save(folder / states[name])
+        record = {"format": _FORMAT, "format_version": _VERSION, "frame": frame}
         draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
         try:
-            draft.write_text(json.dumps(record | {"sizes": dict(self._sizes()), "state": state.name}))
+            draft.write_text(json.dumps(record | {"sizes": dict(self._sizes()), "states": states}))
             draft.replace(self.path)
         except OSError as exc:
             raise OutputError(f"{self.path}: cannot be written ({exc.strerror}); free some space") from exc
-        if self._state != state:
-            self._remove_state()
-        self._state, self._kept = state, self._frame
-
-    def _remove_state(self) -> None:
-        if self._state is not None:
-            with contextlib.suppress(OSError):
-                self._state.unlink()
-            self._state = None
+        _remove_states(folder, states.values())
+        self._kept = frame
 
     def finish(self) -> None:
         """The run is complete: nothing is left to go on with."""
         self._frame = None
+        self.remove(self.path.parent)
+
+    @staticmethod
+    def remove(folder: Path) -> None:
+        """Remove what an earlier run left to go on with, readable or not."""
         with contextlib.suppress(OSError):
-            self.path.unlink(missing_ok=True)
-        self._remove_state()
+            (folder / CHECKPOINT_FILE).unlink(missing_ok=True)
+        _remove_states(folder)
 
     def close(self) -> None:
         """Keep where the run stands, unless it is complete; a second call does nothing."""
         if self._frame is not None and self._frame != self._kept:
             self._keep()
         self._frame = None
+
+
+def _remove_states(folder: Path, but: Collection[str] = ()) -> None:
+    """Remove files of states, also those that a kill left half written or without a checkpoint."""
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if _STATE_FILE.fullmatch(path.name) and path.name not in but:
+                path.unlink(missing_ok=True)
 
 
 def read_checkpoint(folder: Path) -> Checkpoint | None:
@@ -125,18 +132,18 @@ def read_checkpoint(folder: Path) -> Checkpoint | None:
         raise FormatError(path, 0, f"cannot be read ({exc.strerror}); start again with --overwrite") from exc
     try:
         record = json.loads(data)
-        if record["format"] != _FORMAT or record["format_version"] != _VERSION:
-            raise ValueError("of another version")
-        frame, sizes, state = record["frame"], record["sizes"], record["state"]
+        if record["format"] != _FORMAT:
+            raise ValueError("of another kind")
+        if record["format_version"] != _VERSION:
+            raise ValueError(f"of version {record['format_version']!s:.20}, expected {_VERSION}")
+        frame, sizes, states = record["frame"], record["sizes"], record["states"]
         whole = [frame, *sizes.values()]
         if not all(isinstance(one, int) and not isinstance(one, bool) and 0 <= one < _LARGEST for one in whole):
             raise ValueError("numbers out of range")
-        if (
-            not isinstance(state, str)
-            or Path(state).name != state
-            or not all(Path(name).name == name for name in sizes)
-        ):
+        if not all(Path(name).name == name for name in [*sizes, *states.values()]):
             raise ValueError("names outside the folder")
+        if "tracker" not in states:
+            raise ValueError("without the tracker's state")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as exc:
         raise FormatError(path, 0, f"is no checkpoint ({exc}); start again with --overwrite") from exc
-    return Checkpoint(frame, sizes, folder / state)
+    return Checkpoint(frame, sizes, {name: folder / file for name, file in states.items()})

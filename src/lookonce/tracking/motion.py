@@ -140,11 +140,16 @@ class Motions:
         self.velocity_variance[objects] += more
 
     def move_camera_(self, affine: _F) -> None:
-        """Changes places and velocities by an affine map (2, 3) of the picture before onto this one."""
+        """Changes the filters by an affine map (2, 3) of the picture before onto this one; variances grow as areas."""
         linear = affine[:, :2]
+        (a, b), (c, d) = linear.tolist()
+        growth = abs(a * d - b * c)
         self.place = self.place @ linear.T + affine[:, 2]
         self.velocity = self.velocity @ linear.T
-        self.log_size += 0.5 * np.log(abs(np.linalg.det(linear)))
+        self.place_variance *= growth
+        self.covariance *= growth
+        self.velocity_variance *= growth
+        self.log_size += 0.5 * np.log(growth)
 
     def boxes(self, objects: NDArray[np.intp] | None = None) -> _F:
         """(M, 4) float64 xyxy where ``objects`` (M,), by default all, are believed to be."""
