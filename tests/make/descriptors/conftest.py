@@ -70,10 +70,14 @@ def run_reading(run_graph):
 
 @pytest.fixture(scope="session")
 def run_head(run_graph):
-    """``run_head(head, reading)``: the descriptors that a head's graph makes of a reading."""
+    """``run_head(head, rows, maps)``: the descriptors that a head's graph makes at given rows of given maps."""
 
-    def run(head, reading, threads=1):
-        return run_graph(lambda g, values: {"descriptors": head.write(g, values)}, reading, threads)["descriptors"]
+    def run(head, rows, maps, threads=1):
+        def write(g, values):
+            selected = SelectedDetections(**{name: values[name] for name in rows})
+            return {"descriptors": head.write(g, selected, values)}
+
+        return run_graph(write, rows | maps, threads)["descriptors"]
 
     return run
 

@@ -90,6 +90,20 @@ def test_layout_is_the_narrowest_backbone_map_of_each_stride(metadata):
     assert kind.size == (64, 96)
 
 
+def _many_boxes(count=40):
+    """Boxes of every size and place in the picture of 96 x 64, some beyond its border."""
+    rng = np.random.default_rng(5)
+    corner, extent = rng.uniform((-10, -10), (90, 60), (count, 2)), rng.uniform(1, 70, (count, 2))
+    return np.concatenate([corner, corner + extent], axis=1).astype(np.float32)
+
+
+def _graph_and_pytorch(kind, head, rows, maps, run_reading, run_head):
+    """Descriptors by the graph that goes into the model file, and by the module on what training sees."""
+    reading = torch.from_numpy(run_reading(kind, rows, maps)["points"])
+    return run_head(head, rows, maps), head(reading).numpy()
+
+
+@torch.no_grad()
 @pytest.mark.parametrize(
     ("features", "outputs", "expected"),
     [
@@ -115,14 +129,16 @@ def test_layout_is_the_narrowest_backbone_map_of_each_stride(metadata):
     ],
 )
 def test_layout_where_few_layers_are_offered(
-    describe, random_maps, run_reading, features, outputs, expected, random_head
+    describe, random_maps, run_reading, run_head, features, outputs, expected, random_head
 ):
     metadata = describe(features, [(stride, ANCHORS, near, early) for stride, near, early in outputs], (64, 128))
     kind = CompactKind.of(metadata)
     assert kind.layers == expected
-    reading = run_reading(kind, _rows(BOXES[:2]), random_maps(metadata))
-    assert reading["points"].shape == (2, 32, sum(kind.channels))
-    assert random_head(kind)(torch.from_numpy(reading["points"])).shape == (2, 128)
+    rows, maps = _rows(BOXES[:2]), random_maps(metadata)
+    assert run_reading(kind, rows, maps)["points"].shape == (2, 32, sum(kind.channels))
+    found, by_pytorch = _graph_and_pytorch(kind, random_head(kind), rows, maps, run_reading, run_head)
+    assert found.shape == (2, 128)
+    np.testing.assert_allclose(found, by_pytorch, atol=1e-5)
 
 
 def test_reading_is_roi_align(metadata, random_maps, run_reading):
@@ -142,28 +158,34 @@ def test_reading_is_roi_align(metadata, random_maps, run_reading):
 
 
 def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head, random_head):
-    kind = CompactKind.of(metadata)
-    reading = run_reading(kind, _rows(BOXES[:0]), random_maps(metadata, batch=2))
+    kind, rows, maps = CompactKind.of(metadata), _rows(BOXES[:0]), random_maps(metadata, batch=2)
+    reading = run_reading(kind, rows, maps)
     assert reading["points"].shape == (0, 32, 18)
-    assert run_head(random_head(kind), reading).shape == (0, 128)
+    assert run_head(random_head(kind), rows, maps).shape == (0, 128)
     assert random_head(kind)(torch.from_numpy(reading["points"])).shape == (0, 128)
 
 
 @torch.no_grad()
-def test_graph_equals_pytorch(metadata, points, run_head, random_head):
-    head = random_head(CompactKind.of(metadata))
-    found = run_head(head, {"points": points})
-    np.testing.assert_allclose(found, head(torch.from_numpy(points)).numpy(), atol=1e-5)
+def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head, random_head):
+    """Whatever is computed on whole maps before it is read: the numbers are those of the reading behind training."""
+    kind = CompactKind.of(metadata)
+    boxes = np.concatenate([BOXES, _many_boxes()])
+    rows = _rows(boxes, np.arange(len(boxes)) % 3)
+    found, expected = _graph_and_pytorch(
+        kind, random_head(kind), rows, random_maps(metadata, batch=3), run_reading, run_head
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
     assert np.linalg.norm(found[:, None] - found, axis=2)[~np.eye(len(found), dtype=bool)].min() > 1e-3
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, points, run_head, threads, random_head):
-    head = random_head(CompactKind.of(metadata))
-    together = run_head(head, {"points": points}, threads)
-    for rows in (slice(0, 1), slice(3, 5), slice(7, 30), slice(39, 40)):
-        assert run_head(head, {"points": points[rows]}, threads).tobytes() == together[rows].tobytes()
+def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, random_maps, run_head, threads, random_head):
+    head, maps, rows = random_head(CompactKind.of(metadata)), random_maps(metadata), _rows(_many_boxes())
+    together = run_head(head, rows, maps, threads)
+    for some in (slice(0, 1), slice(3, 5), slice(7, 30), slice(39, 40)):
+        alone = run_head(head, {name: values[some] for name, values in rows.items()}, maps, threads)
+        assert alone.tobytes() == together[some].tobytes()
 
 
 def test_reading_of_a_picture_is_the_same_to_the_byte_in_a_batch(metadata, random_maps, run_reading):

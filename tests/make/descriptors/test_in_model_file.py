@@ -31,12 +31,9 @@ def made(request, tiny_model, random_head, tmp_path_factory):
     metadata = describe_model(source)
     kind = KINDS[request.param].of(metadata)
     head = random_head(kind)
-
-    def write(g, rows, features):
-        return head.write(g, kind.write_reading(g, rows, features))
-
     path = tmp_path_factory.mktemp("made") / "with-head.onnx"
-    replace_descriptors(source, write, replace(metadata, descriptor=DescriptorInfo(kind.name, 128, kind.layers)), path)
+    described = replace(metadata, descriptor=DescriptorInfo(kind.name, 128, kind.layers))
+    replace_descriptors(source, head.write, described, path)
     return source, kind, head, path
 
 
@@ -135,9 +132,7 @@ def test_other_detectors_can_carry_the_head(tiny_model, random_head, tmp_path, k
     kind = kind_of.of(metadata)
     head = random_head(kind)
     described = replace(metadata, descriptor=DescriptorInfo(kind.name, 128, kind.layers))
-    replace_descriptors(
-        source, lambda g, r, f: head.write(g, kind.write_reading(g, r, f)), described, tmp_path / "m.onnx"
-    )
+    replace_descriptors(source, head.write, described, tmp_path / "m.onnx")
     outputs = run_file(tmp_path / "m.onnx", random_pictures((64, 64), count=2), score_threshold=0.2, max_detections=40)
     assert len(outputs["descriptors"]) > 5
     np.testing.assert_allclose(np.linalg.norm(outputs["descriptors"], axis=1), 1, atol=1e-6)

@@ -126,11 +126,11 @@ def test_cells_of_other_pictures_and_infinite_neighbours_do_not_leak(metadata, r
 
 def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head, random_head):
     kind = PaperKind.of(metadata)
-    head = random_head(kind)
-    reading = run_reading(kind, no_rows(every_row(kind)), random_maps(metadata, batch=2))
+    head, rows, maps = random_head(kind), no_rows(every_row(kind)), random_maps(metadata, batch=2)
+    reading = run_reading(kind, rows, maps)
     assert reading["patch"].shape == (0, 9, 9)
     assert (reading["scale"].shape, reading["anchor"].shape) == ((0,), (0,))
-    assert run_head(head, reading).shape == (0, 128)
+    assert run_head(head, rows, maps).shape == (0, 128)
     assert head(*as_tensors(reading)).shape == (0, 128)
 
 
@@ -180,9 +180,9 @@ def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head, rand
     head = random_head(kind)
     for grid in head.grids:
         grid.norms[0].running_var[:9] = 1e-5  # hardly any spread: what batch norm adds to it counts
-    reading = run_reading(kind, every_row(kind), random_maps(metadata))
-    expected = nn.functional.normalize(head(*as_tensors(reading))).numpy()
-    found = run_head(head, reading)
+    rows, maps = every_row(kind, batch=2), random_maps(metadata, batch=2)
+    expected = nn.functional.normalize(head(*as_tensors(run_reading(kind, rows, maps)))).numpy()
+    found = run_head(head, rows, maps)
     np.testing.assert_allclose(found, expected, atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-6)
 
@@ -195,11 +195,11 @@ def test_anchors_of_a_cell_differ_where_the_filters_see_an_end(
     """Each number of anchors has its own sums of slices; beyond three, the middle ones are equal."""
     metadata = describe([("a", 4, 8), ("b", 4, 8)], [(8, [(8, 8)] * anchors, "a", "b")], size=(8, 8))
     kind = PaperKind.of(metadata)
-    head, rows = random_head(kind), every_row(kind)
+    head, maps, rows = random_head(kind), random_maps(metadata), every_row(kind)
     order = np.argsort(rows["anchor"])
-    reading = run_reading(kind, {name: values[order] for name, values in rows.items()}, random_maps(metadata))
-    expected = nn.functional.normalize(head(*as_tensors(reading))).numpy()
-    np.testing.assert_allclose(run_head(head, reading), expected, atol=1e-5)
+    rows = {name: values[order] for name, values in rows.items()}
+    expected = nn.functional.normalize(head(*as_tensors(run_reading(kind, rows, maps)))).numpy()
+    np.testing.assert_allclose(run_head(head, rows, maps), expected, atol=1e-5)
     distances = np.linalg.norm(expected[:, None] - expected, axis=2)
     different = {1: 1, 2: 2, 3: 3, 5: 3}[anchors]
     assert len(np.unique(distances[0].round(4))) == different
@@ -209,16 +209,13 @@ def test_anchors_of_a_cell_differ_where_the_filters_see_an_end(
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(
-    metadata, random_maps, run_reading, run_head, threads, random_head
-):
+def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, random_maps, run_head, threads, random_head):
     kind = PaperKind.of(metadata)
-    head = random_head(kind)
-    reading = run_reading(kind, every_row(kind), random_maps(metadata))
-    together = run_head(head, reading, threads)
-    for rows in (slice(0, 1), slice(3, 5), slice(7, 40), slice(len(together) - 1, None)):
-        alone = run_head(head, {name: values[rows] for name, values in reading.items()}, threads)
-        assert alone.tobytes() == together[rows].tobytes()
+    head, rows, maps = random_head(kind), every_row(kind), random_maps(metadata)
+    together = run_head(head, rows, maps, threads)
+    for some in (slice(0, 1), slice(3, 5), slice(7, 40), slice(len(together) - 1, None)):
+        alone = run_head(head, {name: values[some] for name, values in rows.items()}, maps, threads)
+        assert alone.tobytes() == together[some].tobytes()
 
 
 def test_training_on_rows_is_training_on_whole_maps(metadata, random_maps, run_reading, random_head):

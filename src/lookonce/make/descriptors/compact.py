@@ -5,11 +5,14 @@ the earliest map (stride 4), in which members of a class still differ, gives an 
 object from background, give the weights of K attention heads. Each head averages the embeddings of the points that it
 attends to, beginning as a horizontal stripe of the box; the joined averages are projected to a vector of unit length.
 The descriptor belongs to the box, not to the grid or anchor that happened to find it, and survives a change of scale.
+
+In the model file the later maps are brought to the width of the gate's hidden layer *before* they are read: both steps
+are linear, so their order changes nothing but the cost. RoiAlign is what costs most, and it costs by the channel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +29,7 @@ from lookonce.model.metadata import Feature, ModelMetadata
 __all__ = ["CompactHead", "CompactKind"]
 
 _ROWS, _COLUMNS = 8, 4  # points over a box; taller than wide, for persons; vehicles lose nothing by it
+_POINTS = _ROWS * _COLUMNS
 _SAMPLES = 2  # of the finest map, per point and axis, averaged; the points lie closer than the cells of the others
 _STRIDES_PX = (4, 8, 16)  # of the maps that are read
 _EMBEDDING, _HEADS, _GATE = 48, 8, 24
@@ -75,13 +79,26 @@ class CompactKind:
         self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]
     ) -> dict[str, ir.Value]:
         """``points (N, 32, C)``: the maps' channels, joined, at a grid of points over each box."""
+        read = self.write_points(g, rows, [features[name] for name in self.layers])
+        joined = g("Concat", *read, axis=1) if len(read) > 1 else read[0]
+        return {"points": g("Reshape", joined, g.constant([-1, _POINTS, sum(self.channels)]))}
+
+    def write_points(self, g: GraphWriter, rows: SelectedDetections, maps: Sequence[ir.Value]) -> list[ir.Value]:
+        """Each map (B, C, h, w) at a grid of points over each box, (N x 32, C).
+
+        Args:
+            g: the graph.
+            rows: N detections.
+            maps: for each feature a map of its height and width: itself or what was computed of it.
+        """
         height, width = self.size
         limit = g.constant(np.array([width, height, width, height], np.float32))
         boxes = g("Max", g("Min", rows.boxes, limit), g.constant(0.0))
-        read = [
-            g(
+        points = []
+        for feature, value in zip(self.features, maps, strict=True):
+            read = g(  # (N, C, rows, columns)
                 "RoiAlign",
-                features[feature.name],
+                value,
                 boxes,
                 rows.image_index,
                 output_height=_ROWS,
@@ -91,11 +108,9 @@ class CompactKind:
                 coordinate_transformation_mode="half_pixel",
                 mode="avg",
             )
-            for feature in self.features
-        ]
-        joined = g("Concat", *read, axis=1) if len(read) > 1 else read[0]  # (N, C, rows, columns)
-        flat = g("Reshape", joined, g.constant([0, sum(self.channels), _ROWS * _COLUMNS]))
-        return {"points": g("Transpose", flat, perm=[0, 2, 1])}
+            # Flat: ONNX Runtime fuses a transposition into a product of 3-D values, and that fails for N = 0.
+            points.append(g("Flatten", g("Transpose", read, perm=[0, 2, 3, 1]), axis=3))
+        return points
 
 
 class CompactHead(nn.Module):
@@ -112,6 +127,7 @@ class CompactHead(nn.Module):
 
     def __init__(self, kind: CompactKind, mean: NDArray[np.float32], spread: NDArray[np.float32]) -> None:
         super().__init__()
+        self.kind = kind
         self.visual = kind.channels[0]
         self.register_buffer("mean", torch.from_numpy(mean))
         self.register_buffer("spread", torch.from_numpy(np.maximum(spread, _SMALLEST_SPREAD)))
@@ -131,36 +147,40 @@ class CompactHead(nn.Module):
         pooled = torch.log1p(weights.transpose(1, 2) @ embedded)  # (N, K, E); one bright spot does not decide
         return nn.functional.normalize(self.project(pooled.flatten(1)), dim=1)
 
-    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
-        """Append the head to a graph: the operators of ``forward`` with the standardisation folded into the weights."""
-        # Flat: ONNX Runtime fuses the reading's transposition into a product of 3-D values, and that fails for N = 0.
-        points = g("Reshape", reading["points"], g.constant([-1, len(self.mean)]))  # (N, P, C) -> (N P, C)
-        channels = np.arange(self.visual, dtype=np.int64)
-        visual = g("Gather", points, g.constant(channels), axis=1)
-        embedded = g("Relu", self._linear(g, visual, self.embedding))
-        embedded = g("Reshape", embedded, g.constant([-1, _ROWS * _COLUMNS, _EMBEDDING]))
+    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
+        """Append the head to a graph: ``forward`` of the reading, with the standardisation folded into the weights."""
         first, last = self.gate[0], self.gate[2]
         assert isinstance(first, nn.Linear)
         assert isinstance(last, nn.Linear)
-        logits = _write_linear(g, g("Relu", self._linear(g, points, first)), last.weight, last.bias)
-        logits = g("Reshape", logits, g.constant([-1, _ROWS * _COLUMNS, _HEADS]))
-        weights = g("Softmax", g("Add", logits, g.constant(_array(self.position))), axis=1)
-        mean = g("MatMul", g("Transpose", weights, perm=[0, 2, 1]), embedded)
+        first_weight, first_bias = self._folded(first)
+        guides = first_weight.split_with_sizes(self.kind.channels, dim=1)  # (gate, channels) for each feature
+        finest, *later = (features[name] for name in self.kind.layers)
+        later = [
+            g("Conv", value, g.constant(_array(weight[:, :, None, None])))
+            for value, weight in zip(later, guides[1:], strict=True)
+        ]
+        points, *guided = self.kind.write_points(g, rows, [finest, *later])  # (N P, C), (N P, gate) ...
+        hidden = g("Relu", g("Sum", _write_linear(g, points, guides[0], first_bias), *guided))
+        logits = _write_linear(g, hidden, last.weight, last.bias)
+        logits = g("Transpose", g("Reshape", logits, g.constant([-1, _POINTS, _HEADS])), perm=[0, 2, 1])
+        weights = g("Softmax", g("Add", logits, g.constant(_array(self.position.T))), axis=2)  # (N, K, P)
+        embedded = g("Relu", _write_linear(g, points, *self._folded(self.embedding)))
+        mean = g("MatMul", weights, g("Reshape", embedded, g.constant([-1, _POINTS, _EMBEDDING])))
         pooled = g("Log", g("Add", mean, g.constant(1.0)))
         flat = g("Reshape", pooled, g.constant([-1, _EMBEDDING * _HEADS]))
         return g.unit_length(_write_linear(g, flat, self.project.weight, self.project.bias))
 
-    def _linear(self, g: GraphWriter, values: ir.Value, layer: nn.Linear) -> ir.Value:
-        """A layer on standardised channels, as a layer on the channels themselves."""
+    def _folded(self, layer: nn.Linear) -> tuple[Tensor, Tensor]:
+        """Weight and bias of a layer on standardised channels, as those of a layer on the channels themselves."""
         count = layer.in_features
         weight = layer.weight / self.spread[:count]
-        return _write_linear(g, values, weight, layer.bias - weight @ self.mean[:count])
+        return weight, layer.bias - weight @ self.mean[:count]
 
 
 def _hidden(count: int) -> Tensor:
     """(count, P) bool: of half of the rows a patch of the points, in training only, as if something stood before it."""
-    row = torch.arange(_ROWS * _COLUMNS) // _COLUMNS
-    column = torch.arange(_ROWS * _COLUMNS) % _COLUMNS
+    row = torch.arange(_POINTS) // _COLUMNS
+    column = torch.arange(_POINTS) % _COLUMNS
     top, left = torch.randint(_ROWS, (count, 1)), torch.randint(_COLUMNS, (count, 1))
     is_in_rows = (row >= top) & (row < top + torch.randint(1, 4, (count, 1)))
     is_in_columns = (column >= left) & (column < left + torch.randint(1, 3, (count, 1)))
@@ -170,8 +190,8 @@ def _hidden(count: int) -> Tensor:
 
 def _stripes() -> Tensor:
     """Attention (P, K) before training: head k looks at the k-th horizontal stripe, the middle columns more."""
-    row = torch.arange(_ROWS * _COLUMNS) // _COLUMNS
-    column = torch.arange(_ROWS * _COLUMNS) % _COLUMNS - (_COLUMNS - 1) / 2
+    row = torch.arange(_POINTS) // _COLUMNS
+    column = torch.arange(_POINTS) % _COLUMNS - (_COLUMNS - 1) / 2
     centre = (torch.arange(_HEADS) + 0.5) * _ROWS / _HEADS - 0.5
     return -((row[:, None] - centre) ** 2) - 0.5 * (column[:, None] / 1.5) ** 2
 

@@ -36,5 +36,5 @@ class HeadKind(Protocol):
     def write_reading(
         self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]
     ) -> dict[str, ir.Value]:
-        """Append the lookup of features at N rows; by name, N values each."""
+        """Append the lookup of what training sees at N rows; by name, N values each."""
         ...

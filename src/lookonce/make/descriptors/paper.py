@@ -152,6 +152,7 @@ class PaperHead(nn.Module):
 
     def __init__(self, kind: PaperKind) -> None:
         super().__init__()
+        self.kind = kind
         self.channels = kind.channels
         self.grids = nn.ModuleList(_GridLayers(grid) for grid in kind.grids)
 
@@ -189,13 +190,14 @@ class PaperHead(nn.Module):
         descriptors: Tensor = layers(joined, padding=_SIDE // 2)
         return descriptors
 
-    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
+    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
         """Append the head to a graph: ``forward`` in evaluation, batch norm folded, each row scaled to unit length."""
-        rows = self._layers(0).write(g, self.channels, reading)
+        reading = self.kind.write_reading(g, rows, features)
+        descriptors = self._layers(0).write(g, self.channels, reading)
         for index in range(1, len(self.grids)):
-            is_own = g("Unsqueeze", g("Equal", reading["scale"], g.constant(index)), g.constant([1]))
-            rows = g("Where", is_own, self._layers(index).write(g, self.channels, reading), rows)
-        return g.unit_length(rows)
+            is_own = g("Unsqueeze", g("Equal", rows.scale, g.constant(index)), g.constant([1]))
+            descriptors = g("Where", is_own, self._layers(index).write(g, self.channels, reading), descriptors)
+        return g.unit_length(descriptors)
 
     def _layers(self, index: int) -> _GridLayers:
         layers = self.grids[index]

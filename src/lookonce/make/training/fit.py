@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import onnx_ir as ir
 import torch
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -18,8 +17,6 @@ from numpy.typing import NDArray
 from lookonce.datasets import LabelledObjects, LabelledSequence, LabelledStills
 from lookonce.errors import ConfigError, ModelError
 from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
-from lookonce.make.export.detections import SelectedDetections
-from lookonce.make.export.graph import GraphWriter
 from lookonce.make.export.reopen import RowReader, replace_descriptors
 from lookonce.make.training.config import FitConfig
 from lookonce.make.training.linking import Links, link_detections
@@ -326,9 +323,5 @@ def _write(
     info = DescriptorInfo(kind.name, DESCRIPTOR_SIZE, kind.layers, threshold)
     trained = replace(metadata, descriptor=info, training=about, made_by=version("lookonce"))
     head.module.cpu().eval()
-
-    def write_head(g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
-        return head.write(g, kind.write_reading(g, rows, features))
-
-    replace_descriptors(model, write_head, trained, output)
+    replace_descriptors(model, head.write, trained, output)
     return trained

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from lookonce.make.descriptors.compact import CompactHead, CompactKind
 from lookonce.make.descriptors.paper import PaperHead, PaperKind
 from lookonce.make.descriptors.paper_loss import PaperClassifier, paper_loss
+from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.make.training.batches import comparable
 from lookonce.make.training.config import FitConfig
@@ -32,8 +33,8 @@ Kind = CompactKind | PaperKind
 class Head(Trainable, Protocol):
     """A trainable head that can be written into a model file."""
 
-    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
-        """Append the head to a graph; (N, 128)."""
+    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
+        """Append the head to a graph, reading included: descriptors (N, 128) of the rows."""
         ...
 
 
@@ -71,8 +72,8 @@ class _Compact:
         described: Tensor = self._head(values["points"])
         return described
 
-    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
-        return self._head.write(g, reading)
+    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
+        return self._head.write(g, rows, features)
 
 
 class _Paper:
@@ -99,5 +100,5 @@ class _Paper:
         raw: Tensor = self._head(values["patch"], values["scale"], values["anchor"])
         return nn.functional.normalize(raw, dim=1)
 
-    def write(self, g: GraphWriter, reading: Mapping[str, ir.Value]) -> ir.Value:
-        return self._head.write(g, reading)
+    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
+        return self._head.write(g, rows, features)
