@@ -4,10 +4,10 @@
 
 Each step goes on where it was interrupted:
 
-1. detector, first round: the network of street.cfg learns from labelled stills, the first half of PETS09-S2L1, and
+1. scenes: fifteen are rendered, with other seeds than the demo's.
+2. detector: the network of street.cfg learns from labelled stills, the first half of PETS09-S2L1, the scenes, and
    frames of four clips; a teacher (YOLOX-nano) labels what is not labelled. Pictures in held-out.txt are of cameras
    that it never sees.
-2. detector, second round: fifteen rendered scenes come in, with other seeds than the demo's.
 3. descriptors: kind compact, on stills and PETS' first half.
 
 The model file is OUT/street.onnx. Nothing is copied into the package: look at it first (benchmarks/detector_quality.py,
@@ -40,7 +40,9 @@ LABELLED = {  # what each set labels wholly; a bus may be labelled truck in mana
     "atl": ("motorcycle", "car", "bus", "truck"),
     "openimages": ("motorcycle", "car", "bus", "truck"),
     "highway40": ("motorcycle", "car", "bus", "truck"),
+    "PETS09-S2L1": ("person",),
 }
+STILLS = ("manaus5", "atl", "openimages", "highway40")
 CLIPS = (  # those in which the teacher sees what there is; haarcascades_video2 is kept for tests
     "ahmetozlu_vehicle_counting.mp4",
     "aicity17_teamuw_cam00.avi",
@@ -49,10 +51,7 @@ CLIPS = (  # those in which the teacher sees what there is; haarcascades_video2 
 )
 SCENES = tuple(seed for seed in range(16) if seed != 1)  # 1 is the demo's
 LIGHTS = ("day", "day", "change", "night")  # by seed
-FIRST_ROUND = DetectorConfig(epochs=40)
-SECOND_ROUND = DetectorConfig(
-    epochs=12, learning_rate=1e-3, warm_up_epochs=1, plain_epochs=4, check_every=4, fit_anchors=False, video_frames=30
-)
+DETECTOR = DetectorConfig(epochs=60, video_frames=50)
 HALF_OF_PETS = 397  # frames
 LICENSE = "Apache-2.0"
 TEACHERS_LEAST_SCORE = 0.1
@@ -65,9 +64,10 @@ def held_out() -> frozenset[str]:
 
 
 def first_half_of_pets(data: Path) -> LabelledSequence:
-    """Its other half is for tests. Its truth knows objects only, so the detector learns what the teacher sees there."""
+    """Its other half is for tests. Its truth knows "objects" only: all of them are persons."""
     (pets,) = open_sequences(data / "sequences" / "PETS09-S2L1")
-    return replace(pets, fps=7.0, frames=tuple(frame for frame in pets.frames if frame.index < HALF_OF_PETS))
+    frames = tuple(frame for frame in pets.frames if frame.index < HALF_OF_PETS)
+    return replace(pets, fps=7.0, classes=("person",), frames=frames)
 
 
 def scenes(folder: Path, screen: StageScreen) -> tuple[LabelledSequence, ...]:
@@ -83,26 +83,19 @@ def scenes(folder: Path, screen: StageScreen) -> tuple[LabelledSequence, ...]:
     return open_sequences(folder)
 
 
-def make_detector(
-    data: Path,
-    source: NetworkSource,
-    more: tuple[LabelledSequence, ...],
-    output: Path,
-    config: DetectorConfig,
-    screen: StageScreen,
-) -> None:
-    """One round."""
-    stills = tuple(open_stills(data / "stills" / name) for name in LABELLED)
+def make_detector(data: Path, scenes: tuple[LabelledSequence, ...], output: Path, screen: StageScreen) -> None:
+    """From random weights."""
+    stills = tuple(open_stills(data / "stills" / name) for name in STILLS)
     clips = tuple(data / "videos" / name for name in CLIPS)
-    labelled = dict(LABELLED) | {sequence.name: CLASSES for sequence in more}
+    labelled = dict(LABELLED) | {sequence.name: CLASSES for sequence in scenes}
     names = read_class_names(data / "weights" / "coco.names")
     teacher = Yolox(data / "weights" / "yolox_nano.onnx", names, TEACHERS_LEAST_SCORE)
     result = train_detector(
-        source,
-        DetectorData(stills, (first_half_of_pets(data), *more), clips, labelled, held_out()),
+        NetworkSource(HERE / "street.cfg"),
+        DetectorData(stills, (first_half_of_pets(data), *scenes), clips, labelled, held_out()),
         CLASSES,
         output,
-        config,
+        DETECTOR,
         folder=output.with_suffix(".train"),
         teacher=teacher,
         license=LICENSE,
@@ -111,11 +104,11 @@ def make_detector(
     screen.say(f"{output.stem}: AP50 {result.scores.mean.ap50:.3f} on pictures that were held out for validation")
 
 
-def make_descriptors(data: Path, detector: Path, output: Path, config: FitConfig, screen: StageScreen) -> None:
+def make_descriptors(data: Path, detector: Path, output: Path, screen: StageScreen) -> None:
     """The last step."""
-    stills = tuple(open_stills(data / "stills" / name) for name in LABELLED)
+    stills = tuple(open_stills(data / "stills" / name) for name in STILLS)
     source = FitData((first_half_of_pets(data),), stills)
-    result = fit(detector, source, output, config, folder=output.with_suffix(".fit"), progress=screen)
+    result = fit(detector, source, output, FitConfig(), folder=output.with_suffix(".fit"), progress=screen)
     screen.say(f"descriptors: equal error rate {result.validation.error_rate:.3f} on identities that were held out")
 
 
@@ -126,16 +119,12 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("build/street"))
     arguments = parser.parse_args()
     data, folder = arguments.data, arguments.output
-    first, second, model = (folder / f"{name}.onnx" for name in ("first-round", "second-round", "street"))
+    detector, model = folder / "detector.onnx", folder / "street.onnx"
     with StageScreen() as screen:
-        if not first.exists():
-            make_detector(data, NetworkSource(HERE / "street.cfg"), (), first, FIRST_ROUND, screen)
-        if not second.exists():
-            made = first.with_suffix(".train")
-            source = NetworkSource(made / "network.cfg", made / "network.weights", CLASSES)
-            make_detector(data, source, scenes(folder / "scenes", screen), second, SECOND_ROUND, screen)
+        if not detector.exists():
+            make_detector(data, scenes(folder / "scenes", screen), detector, screen)
         if not model.exists():
-            make_descriptors(data, second, model, FitConfig(), screen)
+            make_descriptors(data, detector, model, screen)
     print(f"{model}: made")
 
 
