@@ -64,7 +64,7 @@ class DefaultConfig:
     recent_s: float = 0.3
     safe_overlap: float = 0.5
     same_overlap: float = 0.6
-    duplicate_overlap: float = 0.4
+    duplicate_overlap: float = 0.3
     crowd_box: float = 4.0
     class_penalty: float = 3.0
     memory_s: float = 8.0
