@@ -64,7 +64,7 @@ ROOMS["cli"][0].update({"make.darknet", "make.export", "make.probing"})
 ROOMS["make.darknet"] = (ROOMS["make"][0] | {"make.export"}, ROOMS["make"][1])
 ROOMS["make.descriptors"] = ROOMS["make.darknet"]
 ROOMS["make.training"] = (
-    ROOMS["make"][0] | {"make.export", "make.descriptors"},
+    ROOMS["make"][0] | {"make.export", "make.descriptors", "synthetic"},
     ROOMS["make"][1] | {"PIL", "matplotlib"},
 )
 ROOMS["cli"][0].update({"demo", "make.training"})

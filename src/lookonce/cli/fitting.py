@@ -81,6 +81,9 @@ def fit_command(
     views: Annotated[int | None, _setting("Transformed views of each still [2].")] = None,
     collages: Annotated[int | None, _setting("Collages each object of a still is put into [4].")] = None,
     variants: Annotated[int | None, _setting("Identities made of each object by other colours [1].")] = None,
+    crowds: Annotated[
+        int | None, _setting("Rendered crowds of people, and of vehicles, to learn from too [120].")
+    ] = None,
     sequence_frames: Annotated[int | None, _setting("Frames taken of a sequence or video at most [300].")] = None,
     score: Annotated[float | None, _setting("Least confidence of detections that stand in for labels [0.4].")] = None,
     held_out: Annotated[float | None, _setting("Share of identities kept for validation [0.1].")] = None,

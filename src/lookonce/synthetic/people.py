@@ -9,14 +9,14 @@ import numpy as np
 
 from lookonce.synthetic.body import Body, BodyBuilder, Capsules, Surface
 
-__all__ = ["Person", "draw_person", "dress_up", "two_wheeler_body"]
+__all__ = ["HAIRS", "SKINS", "Person", "draw_person", "dress_up", "two_wheeler_body"]
 
 Colour = tuple[float, float, float]
 Point = tuple[float, float, float]
 Row = tuple[Point, Point, float, float, Colour]
 
-_SKINS: tuple[Colour, ...] = ((236, 198, 170), (222, 178, 146), (188, 136, 104), (142, 98, 72), (96, 66, 50))
-_HAIRS: tuple[Colour, ...] = ((34, 28, 26), (62, 44, 32), (112, 80, 48), (190, 160, 96), (170, 170, 172))
+SKINS: tuple[Colour, ...] = ((236, 198, 170), (222, 178, 146), (188, 136, 104), (142, 98, 72), (96, 66, 50))
+HAIRS: tuple[Colour, ...] = ((34, 28, 26), (62, 44, 32), (112, 80, 48), (190, 160, 96), (170, 170, 172))
 _CLOTHES: tuple[Colour, ...] = (
     (38, 40, 48),
     (60, 74, 110),
@@ -73,8 +73,8 @@ def dress_up(rng: np.random.Generator) -> Person:
     is_child = rng.random() < 0.1
     return Person(
         height=float(rng.uniform(1.15, 1.4) if is_child else rng.normal(1.72, 0.08)),
-        skin=choice(_SKINS),
-        hair=choice(_HAIRS if rng.random() < 0.8 else _CLOTHES),
+        skin=choice(SKINS),
+        hair=choice(HAIRS if rng.random() < 0.8 else _CLOTHES),
         top=choice(_CLOTHES),
         trousers=choice(_TROUSERS),
         shoes=choice(_TROUSERS) if rng.random() < 0.7 else (225.0, 225.0, 225.0),

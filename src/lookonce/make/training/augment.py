@@ -18,7 +18,7 @@ from PIL import Image, ImageFilter
 
 from lookonce.letterbox import PADDING_GREY
 
-__all__ = ["View", "collage", "jitter_boxes", "other_colours", "view"]
+__all__ = ["View", "collage", "jitter_boxes", "maybe_jpeg", "other_colours", "view"]
 
 _Floats = NDArray[np.float64]
 _ZOOM = (0.55, 1.7)  # of a view, against the letterboxed picture
@@ -74,7 +74,7 @@ def view(picture: Image.Image, boxes: _Floats, size: tuple[int, int], rng: Gener
         _cover_(canvas, box, rng)
     limits = np.array([width, height, width, height])
     cut = np.clip(moved, 0, limits)
-    return View(_maybe_jpeg(canvas, rng), cut, _area(cut) / np.maximum(_area(moved), 1e-9))
+    return View(maybe_jpeg(canvas, rng), cut, _area(cut) / np.maximum(_area(moved), 1e-9))
 
 
 def collage(
@@ -111,7 +111,7 @@ def collage(
     if rng.random() < 0.4:
         image = image.filter(ImageFilter.GaussianBlur(rng.uniform(0.3, 1.0)))
     noisy = _to_pixels(_add_noise(np.asarray(image, np.float32), rng))
-    return View(_maybe_jpeg(noisy, rng), boxes, np.array([_own_share(owner, b, i) for i, b in enumerate(boxes)]))
+    return View(maybe_jpeg(noisy, rng), boxes, np.array([_own_share(owner, b, i) for i, b in enumerate(boxes)]))
 
 
 def jitter_boxes(boxes: _Floats, rng: Generator, share: float = 0.05) -> NDArray[np.float32]:
@@ -294,7 +294,8 @@ def _cover_(canvas: NDArray[np.uint8], box: _Floats, rng: Generator) -> None:
     canvas[top:bottom, left:right] = patch
 
 
-def _maybe_jpeg(canvas: NDArray[np.uint8], rng: Generator) -> NDArray[np.uint8]:
+def maybe_jpeg(canvas: NDArray[np.uint8], rng: Generator) -> NDArray[np.uint8]:
+    """The picture (H, W, 3), half of the times as a JPEG of some quality shows it."""
     if rng.random() < 0.5:
         return canvas
     file = io.BytesIO()

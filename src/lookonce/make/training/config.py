@@ -13,6 +13,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "views": (0, 1000),
     "collages": (0, 1000),
     "variants": (0, 100),
+    "crowds": (0, 100_000),
     "sequence_frames": (2, 1_000_000),
     "score": (0.01, 1),
     "held_out": (0.01, 0.5),
@@ -50,6 +51,8 @@ class FitConfig:
         views: transformed views of each still.
         collages: how often each object of a still is put into a collage.
         variants: so many more identities are made of each object of a still by other colours.
+        crowds: so many rendered crowds of people, and of vehicles, where the detector knows such; each has 28 or 16
+            identities of its own.
         sequence_frames: of each sequence or video at most so many frames, evenly spread.
         score: least confidence of the detections that stand in for labels.
         held_out: share of identities kept for validation.
@@ -69,6 +72,7 @@ class FitConfig:
     views: int = 2
     collages: int = 4
     variants: int = 1
+    crowds: int = 120
     sequence_frames: int = 300
     score: float = 0.4
     held_out: float = 0.1

@@ -23,6 +23,7 @@ from lookonce.make.training.linking import Links, link_detections
 from lookonce.make.training.loop import History, train
 from lookonce.make.training.pictures import open_picture
 from lookonce.make.training.readings import Readings, read_features
+from lookonce.make.training.rendered import CrowdSource, crowd_kinds
 from lookonce.make.training.sources import SequenceSource, Source, TrackedBoxes
 from lookonce.make.training.stills import StillsSource
 from lookonce.make.training.trainables import Head, Kind, kind_of, trainable_for
@@ -123,7 +124,7 @@ def fit(
         sources = _sources(model, metadata, data, config, threads, progress)
         _refuse_too_few([len(source.held_out) for source in sources], sources)
         check_comparable([source.lifetimes[source.held_out] for source in sources])
-        readings = _read(model, kind, sources, config, folder, threads, progress)
+        readings = _read(model, kind, sources, _crowds(metadata, data, config), config, folder, threads, progress)
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -192,6 +193,16 @@ def _sources(
             )
         )
     return [source for source in sources if source.task_count]
+
+
+def _crowds(metadata: ModelMetadata, data: FitData, config: FitConfig) -> list[Source]:
+    """Rendered identities beside the real ones."""
+    backdrops = [path for stills in data.stills for path in stills.pictures]
+    kinds = crowd_kinds(metadata.names) if config.crowds else {}
+    return [
+        CrowdSource(name, kind, metadata.size, crowds=config.crowds, backdrops=backdrops, seed=[config.seed, 3, number])
+        for number, (name, kind) in enumerate(kinds.items())
+    ]
 
 
 def _held_identities(boxes: TrackedBoxes, whole: bool | None, share: float, rng: Generator) -> NDArray[np.bool_]:
@@ -268,11 +279,13 @@ def _read(
     model: Path,
     kind: Kind,
     sources: Sequence[Source],
+    crowds: Sequence[Source],
     config: FitConfig,
     folder: Path,
     threads: int,
     progress: Progress,
 ) -> Readings:
+    """What the head reads at every box of the real sources, then of the rendered ones."""
     done = total = 0
 
     def report(now: int, of: int) -> None:
@@ -281,16 +294,17 @@ def _read(
         progress.stage("read features", done, total)
 
     readings = read_features(
-        sources,
+        [*sources, *crowds],
         lambda: RowReader(model, kind.write_reading),
         folder / "features",
         workers=threads,
         limit_bytes=round(config.cache_gb * 1e9),
         report=report,
     )
+    real = readings.source < len(sources)
+    _refuse_too_few([len(np.unique(readings.identity[real]))], sources)
     seen = len(np.unique(readings.identity))
-    _refuse_too_few([seen], sources)
-    of_all = sum(source.task_count for source in sources)
+    of_all = sum(source.task_count for source in [*sources, *crowds])
     limit = f"; for all {of_all} pictures cache_gb={config.cache_gb:g} is too small" if total < of_all else ""
     progress.say(f"{len(readings)} readings of {seen} identities in {total} pictures{limit}")
     return readings
