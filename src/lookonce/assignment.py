@@ -55,20 +55,25 @@ def _settle_few(
     rows: list[int], columns: list[int], weights: list[float], tolerance: float
 ) -> tuple[list[int], list[int]]:
     """``settle`` without arrays, which is faster for a handful of pairs."""
+    pairs = list(zip(rows, columns, weights, strict=True))
     settled: list[int] = []
     left = list(range(len(rows)))
+    if len(set(rows)) == len(set(columns)) == len(rows) and min(weights, default=0.0) > tolerance:
+        return left, settled
     while left:
         by_row: dict[int, list[float]] = {}
         by_column: dict[int, list[float]] = {}
         for place in left:
-            by_row.setdefault(rows[place], []).append(weights[place])
-            by_column.setdefault(columns[place], []).append(weights[place])
+            row, column, weight = pairs[place]
+            by_row.setdefault(row, []).append(weight)
+            by_column.setdefault(column, []).append(weight)
         for rivals in (*by_row.values(), *by_column.values()):
-            rivals.sort(reverse=True)
             rivals.append(0.0)
+            rivals.sort(reverse=True)
         chosen = []
         for place in left:
-            weight, at_row, at_column = weights[place], by_row[rows[place]], by_column[columns[place]]
+            row, column, weight = pairs[place]
+            at_row, at_column = by_row[row], by_column[column]
             other = at_row[weight == at_row[0]] + at_column[weight == at_column[0]]  # the best, or the best but itself
             if weight > other + tolerance:
                 chosen.append(place)

@@ -60,9 +60,13 @@ def iou_of_pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.f
     [0.333]
     """
     low_a, high_a, low_b, high_b = a.T[:2], a.T[2:], b.T[:2], b.T[2:]  # (2, N) each, x before y
-    width, height = np.maximum(np.minimum(high_a, high_b) - np.maximum(low_a, low_b), 0)
-    (width_a, height_a), (width_b, height_b) = high_a - low_a, high_b - low_b
-    intersection = width * height
-    union = width_a * height_a + width_b * height_b - intersection
-    overlap: NDArray[np.float64] = intersection / np.maximum(union, _LEAST_AREA)
+    common = np.minimum(high_a, high_b)
+    common -= np.maximum(low_a, low_b)
+    np.maximum(common, 0.0, out=common)
+    size_a, size_b = high_a - low_a, high_b - low_b
+    overlap: NDArray[np.float64] = common[0] * common[1]
+    union = size_a[0] * size_a[1]
+    union += size_b[0] * size_b[1]
+    union -= overlap
+    overlap /= np.maximum(union, _LEAST_AREA, out=union)
     return overlap

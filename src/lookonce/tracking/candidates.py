@@ -89,9 +89,10 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
     variance = values[6] + noise
     area = (config.crowd_box * height) ** 2 / (2 * math.pi)
     certainty = np.log(area / variance)
-    may_jump = (objects.hits == 1) & (config.motion.jump_share > 0)
+    may_jump = objects.hits == 1
+    has_jumpers = config.motion.jump_share > 0 and may_jump.any()
     fast = variance, certainty
-    if may_jump.any():
+    if has_jumpers:
         widened = objects.motions.widened(now_s - objects.seen_s, config.motion) + noise
         fast_variance = np.where(may_jump, widened, variance)
         fast = fast_variance, np.log(area / fast_variance)
@@ -105,9 +106,9 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
     apart *= apart
     squared, resized = apart[0] + apart[1], apart[2] + apart[3]
     gains, deviation = _place_gains(squared, variance[of_object], certainty[of_object])
-    is_jump = may_jump[of_object]
-    maybe = is_jump.nonzero()[0]
-    if len(maybe):
+    is_jump = np.zeros(len(rows), np.bool_)
+    if has_jumpers:
+        maybe = may_jump[of_object].nonzero()[0]
         of_fast = of_object[maybe]
         fast_gains, fast_deviation = _place_gains(squared[maybe], fast[0][of_fast], fast[1][of_fast])
         fast_gains += math.log(config.motion.jump_share)
@@ -116,7 +117,7 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
         gains[jumps], deviation[jumps] = fast_gains[is_likelier], fast_deviation[is_likelier]
     size_variance = (values[9] + config.motion.size_noise**2)[of_object]
     gains += np.maximum(-0.5 * resized / size_variance, _WORST_SIZE)
-    gains -= config.class_penalty * (objects.labels[of_object] != frame.labels[rows])
+    gains[objects.labels[of_object] != frame.labels[rows]] -= config.class_penalty
     boxes = boxes_around(values[:2], size)
     overlap = iou_of_pairs(boxes.T.take(of_object, axis=1).T, frame.xyxy.T.take(rows, axis=1).T)
     return Pairs(
@@ -153,7 +154,9 @@ def _place_gains(
         variance: (K,) px².
         certainty: (K,) gain of no distance.
     """
-    deviation = np.sqrt(squared / variance)
-    gains = certainty - 0.5 * deviation**2
+    deviation = squared / variance
+    np.sqrt(deviation, out=deviation)
+    gains = -0.5 * deviation**2
+    gains += certainty
     gains[deviation > LARGEST_DEVIATION] = -np.inf
     return gains, deviation

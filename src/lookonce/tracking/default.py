@@ -92,14 +92,16 @@ class DefaultRule:
         is_clean = self._clean_rows(frame, pairs)
         notes = self._note(frame, pairs, step_s) if self.explains else None
         rows = (frame.object_of >= 0).nonzero()[0]
-        given_back = self._see(frame, rows, detections)
-        ids, labels = self._answer(frame, rows)
-        seen = self.objects.slots[frame.object_of[rows]]
+        seen = frame.object_of[rows]
+        slots = self.objects.slots[seen]
+        self._see(frame, rows, seen)
+        ids, labels, given_back = self._answer(frame, rows, seen, detections)
         self._end(step_s, size)
         new = self._begin(frame, detections)
         if frame.looks is not None:
-            slots = np.concatenate([seen, self.objects.slots[len(self.objects) - len(new) :]])
-            self.looks.remember(slots, frame.looks, np.concatenate([rows, new]), is_clean, self.now_s)
+            if len(new):
+                slots, rows = np.concatenate([slots, self.objects.slots[-len(new) :]]), np.concatenate([rows, new])
+            self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
         unseen = ((self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)).nonzero()[0]
         unseen_boxes = self.objects.motions.boxes(unseen).astype(np.float32, order="C")
         return Tracks(
@@ -303,12 +305,11 @@ class DefaultRule:
         is_clean[pairs.rows[covers]] = False
         return is_clean
 
-    def _see(self, frame: Frame, rows: NDArray[np.intp], detections: Detections) -> GivenBack:
-        """What the matched rows (M,) say about their objects; rows of objects that are confirmed now are given back."""
+    def _see(self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64]) -> None:
+        """What the matched rows (M,) say about their objects ``seen`` (M,)."""
         if not len(rows):
-            return GivenBack.nothing()
+            return
         objects = self.objects
-        seen = frame.object_of[rows]
         jumped = frame.has_jumped[rows].nonzero()[0]
         if len(jumped):
             fast = seen[jumped]
@@ -318,29 +319,28 @@ class DefaultRule:
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
         objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
         self.next_id += len(confirmed)
-        is_real = objects.is_real[seen]
+
+    def _answer(
+        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], detections: Detections
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], GivenBack]:
+        """Ids and labels (N,) of all rows, and the earlier rows of objects that are confirmed now.
+
+        The matched rows (M,) are of the objects ``seen`` (M,); those of objects that are not confirmed wait.
+        """
+        is_real = self.objects.is_real[seen]
         for place in (~is_real).nonzero()[0].tolist():
-            self._wait(int(objects.serials[seen[place]]), int(rows[place]), detections)
-        real = seen[is_real]
-        return self.waiting.give_back(objects.serials[real], objects.ids[real], objects.labels[real])
+            self._wait(int(self.objects.serials[seen[place]]), int(rows[place]), detections)
+        rows, seen = rows[is_real], seen[is_real]
+        ids, labels = np.full(len(frame.scores), NO_ID), frame.labels.copy()
+        ids[rows] = known = self.objects.ids[seen]
+        labels[rows] = voted = self.objects.labels[seen]
+        return ids, labels, self.waiting.give_back(self.objects.serials[seen], known, voted)
 
     def _wait(self, serial: int, row: int, detections: Detections) -> None:
         number = row if self._numbers is None else int(self._numbers[row])
         score, label = float(detections.scores[row]), int(detections.labels[row])
         box = detections.xyxy[row].copy()
         self.waiting.add(serial, WaitingRow(self._frame_number, number, box, score, label))
-
-    def _answer(self, frame: Frame, rows: NDArray[np.intp]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Ids and labels (N,) of all rows, of which ``rows`` (M,) are matched."""
-        ids, labels = np.full(len(frame.scores), NO_ID), frame.labels
-        objects = frame.object_of[rows]
-        is_real = self.objects.is_real[objects]
-        rows, objects = rows[is_real], objects[is_real]
-        if len(rows):
-            ids[rows] = self.objects.ids[objects]
-            labels = labels.copy()
-            labels[rows] = self.objects.labels[objects]
-        return ids, labels
 
     def _end(self, step_s: float, size: tuple[int, int] | None) -> None:
         """Forget whom nobody has seen for too long, or who has left the picture."""

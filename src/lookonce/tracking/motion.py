@@ -121,25 +121,26 @@ class Motions:
 
     def predict_(self, step_s: float, is_unseen: NDArray[np.bool_], config: MotionConfig) -> None:
         """Changes the filters to what is to be expected ``step_s`` later; ``is_unseen`` (P,) before the step."""
-        place, velocity, variances = self.values[:2], self.values[4:6], self.values[6:9]
-        variance, covariance, velocity_variance = variances
+        place, velocity = self.values[:2], self.values[4:6]
+        variance, covariance, velocity_variance, size_variance = self.values[6:]
         squared_height = np.exp(2 * self.values[3])
         noise = (config.acceleration**2) * squared_height
         noise += (config.acceleration_share**2) * squared_lengths(velocity.T)
         place += velocity * step_s
-        np.multiply(velocity, np.exp(-step_s / config.slow_down_s), out=velocity, where=is_unseen)
+        velocity *= np.where(is_unseen, np.exp(-step_s / config.slow_down_s), 1.0)
         grown = velocity_variance * step_s
         variance += (2 * covariance + grown) * step_s
-        more = noise * np.array([[step_s**3 / 3], [step_s**2 / 2], [step_s]])
-        more[1] += grown
-        variances += more
+        variance += noise * (step_s**3 / 3)
+        grown += noise * (step_s**2 / 2)
+        covariance += grown
+        noise *= step_s
+        velocity_variance += noise
         bound = config.new_speed**2 * squared_height
         beyond = (velocity_variance > bound).nonzero()[0]
         if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
             bound = bound[beyond]
             covariance[beyond] *= np.sqrt(bound / velocity_variance[beyond])
             velocity_variance[beyond] = bound
-        size_variance = self.values[9]
         size_variance += config.size_drift**2 * step_s
         np.minimum(size_variance, _LARGEST_SIZE_VARIANCE, out=size_variance)
 

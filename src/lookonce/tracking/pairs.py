@@ -35,12 +35,10 @@ def near_pairs(
         TooManyPairsError: there are more.
     """
     if len(places) * len(points) <= _DENSE:
-        limit = reach[:, None]
-        apart = places[:, :1] - points[:, 0]
-        is_near = np.abs(apart, out=apart) <= limit
-        np.subtract(places[:, 1:], points[:, 1], out=apart)
-        is_near &= np.abs(apart, out=apart) <= limit
-        return unravelled(is_near.ravel().nonzero()[0], len(points))  # np.nonzero of two dimensions is slow
+        apart = places.T[:, :, None] - points.T[:, None]  # (2, P, N)
+        near_x, near_y = np.abs(apart, out=apart) <= reach[:, None]
+        near_x &= near_y
+        return unravelled(near_x.ravel().nonzero()[0], len(points))  # np.nonzero of two dimensions is slow
     return _by_grid(places, reach, points, most)
 
 

@@ -54,10 +54,10 @@ class Waiting:
 
     def give_back(self, serials: NDArray[np.int64], ids: NDArray[np.int64], labels: NDArray[np.int64]) -> GivenBack:
         """The rows of those of the objects (M,) for which some wait, with their ids and labels."""
-        numbers = enumerate(serials.tolist()) if self._rows else ()
-        found = [(place, serial) for place, serial in numbers if serial in self._rows]
-        if not found:
+        numbers = serials.tolist()
+        if self._rows.keys().isdisjoint(numbers):
             return GivenBack.nothing()
+        found = [(place, serial) for place, serial in enumerate(numbers) if serial in self._rows]
         back = [(int(ids[place]), int(labels[place]), row) for place, serial in found for row in self._rows.pop(serial)]
         return GivenBack(
             np.array([row.frame for _, _, row in back]),
