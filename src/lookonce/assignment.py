@@ -18,6 +18,8 @@ __all__ = ["components", "is_only_best", "is_single", "settle", "solve_dense", "
 TOLERANCE = 1e-12
 """Of the largest weight: sums that differ by less are taken as equal, for the solvers round."""
 
+_FEW = 64  # pairs: up to so many plain numbers are faster than arrays
+
 
 def settle(
     rows: NDArray[np.int64], columns: NDArray[np.int64], weights: NDArray[np.float64], tolerance: float
@@ -30,11 +32,13 @@ def settle(
         weights: (P,) float64, above 0; a row or a column may stay without pair.
         tolerance: choices that weigh so little less than the best are taken as good as it.
     """
+    if len(rows) <= _FEW:
+        few, left = _settle_few(rows.tolist(), columns.tolist(), weights.tolist(), tolerance)
+        return np.array(few, np.int64), np.array(left, np.int64)
     open_pairs, weight = np.arange(len(rows)), weights
     settled = [open_pairs[:0]]
-    if len(rows):
-        row, column = rows - rows.min(), columns - columns.min()
-        ends = np.stack([row, column + (row.max() + 1)])  # of each pair, among rows and columns together
+    row, column = rows - rows.min(), columns - columns.min()
+    ends = np.stack([row, column + (row.max() + 1)])  # of each pair, among rows and columns together
     while len(open_pairs):
         is_settled = weight > _others(ends, weight) + tolerance
         if not is_settled.any():
@@ -45,6 +49,40 @@ def settle(
         is_left = ~is_taken[ends].any(axis=0)
         open_pairs, weight, ends = open_pairs[is_left], weight[is_left], ends[:, is_left]
     return np.sort(np.concatenate(settled)), open_pairs
+
+
+def _settle_few(
+    rows: list[int], columns: list[int], weights: list[float], tolerance: float
+) -> tuple[list[int], list[int]]:
+    """``settle`` without arrays, which is faster for a handful of pairs."""
+    pairs = list(zip(rows, columns, weights, strict=True))
+    settled: list[int] = []
+    left = list(range(len(rows)))
+    if len(set(rows)) == len(set(columns)) == len(rows) and min(weights, default=0.0) > tolerance:
+        return left, settled
+    while left:
+        by_row: dict[int, list[float]] = {}
+        by_column: dict[int, list[float]] = {}
+        for place in left:
+            row, column, weight = pairs[place]
+            by_row.setdefault(row, []).append(weight)
+            by_column.setdefault(column, []).append(weight)
+        for rivals in (*by_row.values(), *by_column.values()):
+            rivals.append(0.0)
+            rivals.sort(reverse=True)
+        chosen = []
+        for place in left:
+            row, column, weight = pairs[place]
+            at_row, at_column = by_row[row], by_column[column]
+            other = at_row[weight == at_row[0]] + at_column[weight == at_column[0]]  # the best, or the best but itself
+            if weight > other + tolerance:
+                chosen.append(place)
+        if not chosen:
+            break
+        settled += chosen
+        taken_rows, taken_columns = {rows[place] for place in chosen}, {columns[place] for place in chosen}
+        left = [place for place in left if rows[place] not in taken_rows and columns[place] not in taken_columns]
+    return sorted(settled), left
 
 
 def _others(ends: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -59,10 +59,14 @@ def iou_of_pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.f
     >>> iou_of_pairs(np.array([[0, 0, 2.0, 2]]), np.array([[1, 0, 3.0, 2]])).round(3).tolist()
     [0.333]
     """
-    (left_a, top_a, right_a, bottom_a), (left_b, top_b, right_b, bottom_b) = a.T, b.T
-    width = np.maximum(np.minimum(right_a, right_b) - np.maximum(left_a, left_b), 0)
-    height = np.maximum(np.minimum(bottom_a, bottom_b) - np.maximum(top_a, top_b), 0)
-    intersection = width * height
-    union = (right_a - left_a) * (bottom_a - top_a) + (right_b - left_b) * (bottom_b - top_b) - intersection
-    overlap: NDArray[np.float64] = intersection / np.maximum(union, _LEAST_AREA)
+    low_a, high_a, low_b, high_b = a.T[:2], a.T[2:], b.T[:2], b.T[2:]  # (2, N) each, x before y
+    common = np.minimum(high_a, high_b)
+    common -= np.maximum(low_a, low_b)
+    np.maximum(common, 0.0, out=common)
+    size_a, size_b = high_a - low_a, high_b - low_b
+    overlap: NDArray[np.float64] = common[0] * common[1]
+    union = size_a[0] * size_a[1]
+    union += size_b[0] * size_b[1]
+    union -= overlap
+    overlap /= np.maximum(union, _LEAST_AREA, out=union)
     return overlap

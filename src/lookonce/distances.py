@@ -43,8 +43,8 @@ class Quantized(NamedTuple):
 
 def quantize(descriptors: NDArray[np.float32]) -> Quantized:
     """Descriptors (N, D), rounded to multiples of 1 / SCALE."""
-    units = np.multiply(descriptors, SCALE, dtype=np.float64)
-    return Quantized.of(np.rint(units, out=units))
+    units = descriptors * np.float32(SCALE)  # a power of 2: exact
+    return Quantized.of(np.rint(units, out=units).astype(np.float64))
 
 
 def squared_distances(a: Quantized, b: Quantized) -> NDArray[np.float64]:

@@ -101,7 +101,7 @@ def test_views_are_kept_only_so_often_and_so_different():
         _remember(looks, slot, at_angle(angle)[0], now_s)
     # 120 and 180 came too soon, 20 is too near to 0; kept are 0 and 60.
     assert looks.view_count[slot] == 2
-    views = looks.kept[slot, 1:3] / 2**25
+    views = looks.kept[1:3, slot] / 2**25
     np.testing.assert_allclose(views, at_angle(0, 60), atol=1e-6)
 
 
@@ -110,8 +110,8 @@ def test_no_more_views_than_stated_and_the_oldest_goes_first():
     (slot,) = looks.take(1).tolist()
     for number, angle in enumerate([0, 90, 180]):
         _remember(looks, slot, at_angle(angle)[0], now_s=number)
-    assert looks.kept.shape[1] == 3
-    np.testing.assert_allclose(looks.kept[slot, 1:] / 2**25, at_angle(180, 90), atol=1e-6)
+    assert looks.kept.shape[0] == 3
+    np.testing.assert_allclose(looks.kept[1:, slot] / 2**25, at_angle(180, 90), atol=1e-6)
 
 
 def test_unclean_descriptor_is_kept_only_where_there_is_none():

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from lookonce.boxes import iou
+from lookonce.tracking import overlapping
 from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
 from lookonce.tracking.pairs import TooManyPairsError
+
+
+@pytest.fixture(params=[1 << 20, -1], ids=["sweep", "grid"], autouse=True)
+def _way_of_finding(request, monkeypatch):
+    monkeypatch.setattr(overlapping, "_MOST_SWEPT", request.param)
 
 
 def _random_boxes(rng, count, area=300.0):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lookonce.boxes import iou_of_pairs
 from lookonce.distances import Quantized
 from lookonce.tracking.default_config import DefaultConfig
-from lookonce.tracking.motion import squared_lengths
+from lookonce.tracking.motion import boxes_around
 from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import near_pairs
@@ -30,7 +30,7 @@ class Frame:
     """One frame's rows as the rule needs them; N rows.
 
     Attributes:
-        xyxy: (N, 4) float64, px.
+        xyxy: (N, 4) float64, px; long columns.
         states: (N, 4) float64, ``box_states``.
         scores: (N,) float64.
         labels: (N,) int64.
@@ -67,6 +67,7 @@ class Pairs:
         deviation: (K,) float64, distance from the expected place in standard deviations.
         is_jump: (K,) bool, likelier if the object is a fast one, seen once before.
         distance: (K,) float64, of the descriptors; NaN where it was not looked at, infinite where there is none.
+        is_taken: (P,) bool, objects that have a row by now.
     """
 
     objects: NDArray[np.int64]
@@ -76,48 +77,86 @@ class Pairs:
     deviation: NDArray[np.float64]
     is_jump: NDArray[np.bool_]
     distance: NDArray[np.float64]
+    is_taken: NDArray[np.bool_]
 
 
 def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConfig) -> Pairs:
     """Pairs within reach. Gains are logarithms of likelihood ratios: this object against one anywhere in the crowd."""
-    motions = objects.motions
-    width, height = np.exp(motions.log_size).T
+    values = objects.motions.values
+    size = np.exp(values[2:4])
+    width, height = size
     noise = (config.motion.place_noise * height) ** 2
-    variance = motions.place_variance + noise
-    may_jump = (objects.hits == 1) & (config.motion.jump_share > 0)
-    fast_variance = variance
-    if may_jump.any():
-        fast_variance = np.where(may_jump, motions.widened(now_s - objects.seen_s, config.motion) + noise, variance)
+    variance = values[6] + noise
     area = (config.crowd_box * height) ** 2 / (2 * math.pi)
+    certainty = np.log(area / variance)
+    may_jump = objects.hits == 1
+    has_jumpers = config.motion.jump_share > 0 and may_jump.any()
+    fast = variance, certainty
+    if has_jumpers:
+        widened = objects.motions.widened(now_s - objects.seen_s, config.motion) + noise
+        fast_variance = np.where(may_jump, widened, variance)
+        fast = fast_variance, np.log(area / fast_variance)
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
-    best = np.maximum(np.log(area / fast_variance) + config.appearance_limit, 0)
-    reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2 * best)) * np.sqrt(fast_variance)
+    best = np.maximum(fast[1] + config.appearance_limit, 0)
+    reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2 * best)) * np.sqrt(fast[0])
     reach = np.maximum(reach, _TOUCHING_REACH * np.maximum(width, height))
-    usable = np.flatnonzero(frame.is_usable)
-    of_object, rows = near_pairs(motions.place, reach, frame.states[usable, :2])
-    rows = usable[rows]
-    states = frame.states.take(rows, axis=0)
-    squared = squared_lengths(states[:, :2] - motions.place.take(of_object, axis=0))
-    gains, deviation = _place_gains(squared, area, variance, of_object)
-    is_jump = may_jump[of_object]
-    if is_jump.any():
-        fast_gains, fast_deviation = _place_gains(squared, area, fast_variance, of_object)
+    of_object, rows = _near_rows(objects.motions.place, reach, frame)
+    apart = frame.states.T.take(rows, axis=1)
+    apart -= values[:4].take(of_object, axis=1)
+    apart *= apart
+    squared, resized = apart[0] + apart[1], apart[2] + apart[3]
+    gains, deviation = _place_gains(squared, variance[of_object], certainty[of_object])
+    is_jump = np.zeros(len(rows), np.bool_)
+    if has_jumpers:
+        maybe = may_jump[of_object].nonzero()[0]
+        of_fast = of_object[maybe]
+        fast_gains, fast_deviation = _place_gains(squared[maybe], fast[0][of_fast], fast[1][of_fast])
         fast_gains += math.log(config.motion.jump_share)
-        is_jump &= fast_gains > gains
-        gains, deviation = np.where(is_jump, fast_gains, gains), np.where(is_jump, fast_deviation, deviation)
-    resized = squared_lengths(states[:, 2:] - motions.log_size.take(of_object, axis=0))
-    size_variance = (motions.size_variance + config.motion.size_noise**2)[of_object]
+        is_jump[maybe] = is_likelier = fast_gains > gains[maybe]
+        jumps = maybe[is_likelier]
+        gains[jumps], deviation[jumps] = fast_gains[is_likelier], fast_deviation[is_likelier]
+    size_variance = (values[9] + config.motion.size_noise**2)[of_object]
     gains += np.maximum(-0.5 * resized / size_variance, _WORST_SIZE)
-    gains -= config.class_penalty * (objects.labels[of_object] != frame.labels[rows])
-    overlap = iou_of_pairs(motions.boxes().take(of_object, axis=0), frame.xyxy.take(rows, axis=0))
-    return Pairs(of_object, rows, gains, overlap, deviation, is_jump, np.full(len(rows), np.nan))
+    gains[objects.labels[of_object] != frame.labels[rows]] -= config.class_penalty
+    boxes = boxes_around(values[:2], size)
+    overlap = iou_of_pairs(boxes.T.take(of_object, axis=1).T, frame.xyxy.T.take(rows, axis=1).T)
+    return Pairs(
+        of_object,
+        rows,
+        gains,
+        overlap,
+        deviation,
+        is_jump,
+        np.full(len(rows), np.nan),
+        np.zeros(len(size[0]), np.bool_),
+    )
+
+
+def _near_rows(
+    place: NDArray[np.float64], reach: NDArray[np.float64], frame: Frame
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Objects and usable rows (K,) that are near each other; ``place`` (P, 2) and ``reach`` (P,) of the objects."""
+    usable = frame.is_usable.nonzero()[0]
+    points = frame.states.T[:2]
+    if len(usable) == len(frame.scores):
+        return near_pairs(place, reach, points.T)
+    of_object, rows = near_pairs(place, reach, points.take(usable, axis=1).T)
+    return of_object, usable[rows]
 
 
 def _place_gains(
-    squared: NDArray[np.float64], area: NDArray[np.float64], variance: NDArray[np.float64], of_object: NDArray[np.intp]
+    squared: NDArray[np.float64], variance: NDArray[np.float64], certainty: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(K,) gains, minus infinity beyond reach, and (K,) deviations of pairs that are ``squared`` px² apart."""
-    deviation = np.sqrt(squared / variance[of_object])
-    gains = np.log(area / variance)[of_object] - 0.5 * deviation**2
+    """(K,) gains, minus infinity beyond reach, and (K,) deviations of pairs.
+
+    Args:
+        squared: (K,) distance, px².
+        variance: (K,) px².
+        certainty: (K,) gain of no distance.
+    """
+    deviation = squared / variance
+    np.sqrt(deviation, out=deviation)
+    gains = -0.5 * deviation**2
+    gains += certainty
     gains[deviation > LARGEST_DEVIATION] = -np.inf
     return gains, deviation

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.distances import quantize
+from lookonce.distances import Quantized, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, GivenBack, Tracks
 from lookonce.tracking.candidates import Frame, Pairs, find_pairs
@@ -21,7 +21,7 @@ from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.explaining import Notes, tell
 from lookonce.tracking.looks import Looks
-from lookonce.tracking.motion import box_states
+from lookonce.tracking.motion import box_states, moved
 from lookonce.tracking.objects import MovingScores, Objects
 from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
 from lookonce.tracking.pairs import TooManyPairsError
@@ -55,7 +55,7 @@ class DefaultRule:
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
         self._frame_number = 0
-        self._recent = np.zeros(0, np.bool_)  # objects that were seen lately
+        self._is_recent = np.zeros(0, np.bool_)  # objects that were seen lately
         self._ended: list[Ended] = []
 
     def update(
@@ -87,21 +87,23 @@ class DefaultRule:
         self._predict(step_s, camera)
         frame = self._look_at(detections)
         pairs = find_pairs(self.objects, frame, self.now_s, self.config)
-        is_known = self.objects.ids != NO_ID
-        is_recent = self._recent = self.now_s - self.objects.seen_s <= 1.01 * step_s + self.config.recent_s
-        self._match(frame, pairs, is_known, frame.is_high, np.zeros(len(pairs.rows), np.bool_))
-        is_weak_far = pairs.overlap < self.config.low_overlap
-        self._match(frame, pairs, is_known & is_recent, frame.is_usable, is_weak_far)
-        is_weak_far &= ~frame.is_high[pairs.rows]
-        self._match(frame, pairs, ~is_known, frame.is_usable, is_weak_far)
+        self._is_recent = self.now_s - self.objects.seen_s <= 1.01 * step_s + self.config.recent_s
+        self._match_all(frame, pairs)
         is_clean = self._clean_rows(frame, pairs)
         notes = self._note(frame, pairs, step_s) if self.explains else None
-        given_back = self._see(frame, is_clean, detections)
-        ids, labels = self._answer(frame)
+        rows = (frame.object_of >= 0).nonzero()[0]
+        seen = frame.object_of[rows]
+        slots = self.objects.slots[seen]
+        self._see(frame, rows, seen)
+        ids, labels, given_back = self._answer(frame, rows, seen, detections)
         self._end(step_s, size)
-        is_new = self._begin(frame, is_clean, detections)
-        unseen = np.flatnonzero((self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s))
-        unseen_boxes = self.objects.motions.boxes(unseen).astype(np.float32)
+        new = self._begin(frame, detections)
+        if frame.looks is not None:
+            if len(new):
+                slots, rows = np.concatenate([slots, self.objects.slots[-len(new) :]]), np.concatenate([rows, new])
+            self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
+        unseen = ((self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)).nonzero()[0]
+        unseen_boxes = self.objects.motions.boxes(unseen).astype(np.float32, order="C")
         return Tracks(
             ids,
             detections.xyxy,
@@ -110,25 +112,32 @@ class DefaultRule:
             self.objects.ids[unseen],
             unseen_boxes,
             given_back=given_back,
-            story=None if notes is None else tell(notes, ids, is_new, tuple(self._ended), self.config),
+            story=None if notes is None else tell(notes, ids, new, tuple(self._ended), self.config),
         )
 
     def _note(self, frame: Frame, pairs: Pairs, step_s: float) -> Notes:
         """What the story of the frame needs, before anything changes."""
         gains = pairs.gains.copy()
         if frame.looks is not None:
-            unknown = np.flatnonzero(np.isnan(pairs.distance))
-            slots = self.objects.slots[pairs.objects[unknown]]
-            pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
-            gains += self._likeness(pairs.distance)
+            gains += self._likeness(self._distances(frame.looks, pairs, np.arange(len(gains))))
         objects = self.objects
         return Notes(frame, pairs, gains, objects.ids.copy(), objects.serials, self.now_s - objects.seen_s, step_s)
+
+    def _distances(self, looks: Quantized, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(C,) distances of the descriptors of the chosen pairs; each is looked at once."""
+        unknown = chosen[np.isnan(pairs.distance[chosen])]
+        if len(unknown):
+            slots = self.objects.slots[pairs.objects[unknown]]
+            pairs.distance[unknown] = self.looks.distances(slots, looks, pairs.rows[unknown])
+        return pairs.distance[chosen]
 
     def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What distances of descriptors add to the gains; nothing where there is none."""
         limit = self.config.appearance_limit
-        likeness = np.clip(self.config.appearance_weight * (self.config.match_threshold - distance), -limit, limit)
-        return np.where(np.isinf(distance), 0.0, likeness)
+        likeness = self.config.appearance_weight * (self.config.match_threshold - distance)
+        likeness = np.minimum(np.maximum(likeness, -limit), limit)
+        likeness[distance == np.inf] = 0.0
+        return likeness
 
     def _advance(self, time_s: float | None) -> float:
         """Seconds since the frame before."""
@@ -153,22 +162,20 @@ class DefaultRule:
         unseen_s = self.now_s - self.objects.seen_s
         gone = unseen_s > self.config.memory_s
         if gone.any():
-            nothing = f"nothing came for {step_s:.1f} s"
-            reasons = [
-                nothing if step_s > self.config.memory_s else f"not seen for {unseen:.1f} s" for unseen in unseen_s
-            ]
-            self._note_ends(gone, reasons)
+            if self.explains:
+                nothing = f"nothing came for {step_s:.1f} s" if step_s > self.config.memory_s else ""
+                self._note_ends(gone, [nothing or f"not seen for {unseen:.1f} s" for unseen in unseen_s])
             self._forget(gone)
         objects = self.objects
         is_unseen = objects.seen_s < self.now_s - step_s - _LEAST_STEP_S / 2
         objects.motions.predict_(step_s, is_unseen, self.config.motion)
         if camera is not None:
             objects.motions.move_camera_(camera)
-            objects.anchor = objects.anchor @ camera[:, :2].T + camera[:, 2]
+            objects.anchor[:] = moved(objects.anchor, camera)
 
     def _look_at(self, detections: Detections) -> Frame:
         config = self.config
-        scores, xyxy = detections.scores.astype(np.float64), detections.xyxy.astype(np.float64)
+        scores, columns = detections.scores.astype(np.float64), np.ascontiguousarray(detections.xyxy.T, np.float64)
         looks = None
         if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
             self.looks.check_size(detections.descriptors.shape[1])
@@ -176,14 +183,15 @@ class DefaultRule:
         nobody = np.zeros(len(scores), np.bool_)
         has_no_look = nobody if looks is None else looks.squared_lengths == 0
         order = np.lexsort((has_no_look, -scores))  # best first; of equal ones those with a descriptor
-        overlaps, is_usable = self._overlaps(xyxy, order, scores >= config.low_score)
+        overlaps, is_usable = self._overlaps(columns.T, order, scores >= config.low_score)
         if is_usable.any():
-            usable = xyxy[is_usable]
-            np.minimum(self.extent[:2], usable[:, :2].min(axis=0), out=self.extent[:2])
-            np.maximum(self.extent[2:], usable[:, 2:].max(axis=0), out=self.extent[2:])
+            usable = columns if is_usable.all() else columns[:, is_usable]
+            low, high = self.extent[:2], self.extent[2:]
+            np.minimum(low, np.minimum.reduce(usable[:2], axis=1), out=low)
+            np.maximum(high, np.maximum.reduce(usable[2:], axis=1), out=high)
         return Frame(
-            xyxy,
-            box_states(detections.xyxy),
+            columns.T,
+            box_states(columns.T),
             scores,
             detections.labels,
             looks,
@@ -211,105 +219,122 @@ class DefaultRule:
         nobody = np.zeros(len(xyxy), np.bool_)
         return overlaps, keep_best(overlaps.above(config.same_overlap), order, is_wanted, nobody)
 
+    def _match_all(self, frame: Frame, pairs: Pairs) -> None:
+        """First the rows of high score and the confirmed objects, then the weaker rows, then the other objects."""
+        is_known = self.objects.ids != NO_ID
+        self._match(frame, pairs, is_known, frame.is_high, None)
+        if not np.count_nonzero(frame.is_usable & (frame.object_of < 0)):
+            return
+        is_near = pairs.overlap >= self.config.low_overlap
+        self._match(frame, pairs, is_known & self._is_recent, frame.is_usable, is_near)
+        is_near |= frame.is_high[pairs.rows]
+        self._match(frame, pairs, ~is_known, frame.is_usable, is_near)
+
     def _match(
         self,
         frame: Frame,
         pairs: Pairs,
         may_objects: NDArray[np.bool_],
         may_rows: NDArray[np.bool_],
-        is_left_out: NDArray[np.bool_],
+        may_pairs: NDArray[np.bool_] | None,
     ) -> None:
         """Give rows that have no object yet the best of the objects that may take them."""
         may_rows = may_rows & (frame.object_of < 0)
-        if not may_rows.any():
-            return
-        is_taken = np.zeros(len(self.objects), np.bool_)
-        is_taken[frame.object_of[frame.object_of >= 0]] = True
-        is_open = (may_objects & ~is_taken)[pairs.objects] & may_rows[pairs.rows]
-        chosen = np.flatnonzero(is_open & ~is_left_out)
+        is_open = (may_objects & ~pairs.is_taken)[pairs.objects]
+        is_open &= may_rows[pairs.rows]
+        if may_pairs is not None:
+            is_open &= may_pairs
+        chosen = is_open.nonzero()[0]
         if not len(chosen):
             return
-        safe = chosen[self._are_safe(frame, pairs, chosen)]
-        self._take(frame, pairs, safe)
-        is_taken[pairs.objects[safe]] = True
-        chosen = chosen[~is_taken[pairs.objects[chosen]] & (frame.object_of[pairs.rows[chosen]] < 0)]
-        if not len(chosen):
-            return
-        gains = self._gains(frame, pairs, chosen)
-        positive = np.flatnonzero(gains > 0)
-        chosen = chosen[positive]
-        self._take(frame, pairs, chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains[positive])])
+        safe = self._safe(frame, pairs, chosen)
+        if len(safe):
+            self._take(frame, pairs, safe)
+            chosen = chosen[~(pairs.is_taken[pairs.objects[chosen]] | (frame.object_of >= 0)[pairs.rows[chosen]])]
+        chosen, gains = self._likely(frame, pairs, chosen)
+        if len(chosen):
+            self._take(frame, pairs, chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains)])
 
     def _take(self, frame: Frame, pairs: Pairs, taken: NDArray[np.intp]) -> None:
-        frame.object_of[pairs.rows[taken]] = pairs.objects[taken]
-        frame.has_jumped[pairs.rows[taken]] = pairs.is_jump[taken]
+        objects, rows = pairs.objects[taken], pairs.rows[taken]
+        frame.object_of[rows] = objects
+        frame.has_jumped[rows] = pairs.is_jump[taken]
+        pairs.is_taken[objects] = True
 
-    def _are_safe(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(C,) bool: pairs that are taken whatever the others are: boxes that overlap, and nobody else near."""
-        objects, rows, overlap = pairs.objects[chosen], pairs.rows[chosen], pairs.overlap[chosen]
-        is_touching = overlap > _TOUCHING
-        rivals = np.bincount(objects[is_touching], minlength=len(self.objects))[objects]
-        rivals += np.bincount(rows[is_touching], minlength=len(frame.scores))[rows]
-        is_safe: NDArray[np.bool_] = (overlap >= self.config.safe_overlap) & (rivals == 2)
-        is_safe &= self._recent[objects] & (self.objects.labels[objects] == frame.labels[rows])
-        return is_safe
+    def _safe(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Of the chosen pairs those to take whatever the others are: boxes that overlap, and nobody else near."""
+        overlap = pairs.overlap[chosen]
+        safe = chosen[overlap >= self.config.safe_overlap]
+        if not len(safe):
+            return safe
+        touching = chosen[overlap > _TOUCHING]
+        objects, rows = pairs.objects[safe], pairs.rows[safe]
+        rivals = np.bincount(pairs.objects[touching], minlength=len(self.objects))[objects]
+        rivals += np.bincount(pairs.rows[touching], minlength=len(frame.scores))[rows]
+        is_safe: NDArray[np.bool_] = self._is_recent[objects] & (rivals == 2)
+        is_safe &= self.objects.labels[objects] == frame.labels[rows]
+        return safe[is_safe]
 
-    def _gains(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(C,) gains of the chosen pairs, none of them safe, with appearance."""
-        config = self.config
-        gains = pairs.gains[chosen]
-        if frame.looks is None:
-            return gains
+    def _likely(
+        self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """Of the chosen pairs, none of them safe, those of positive gain with appearance, and what they gain."""
+        gains, limit = pairs.gains[chosen], 0.0 if frame.looks is None else self.config.appearance_limit
+        possible = (gains > -limit).nonzero()[0]
+        chosen, gains = chosen[possible], gains[possible]
+        if frame.looks is None or not len(chosen):
+            return chosen, gains
         objects, rows = pairs.objects[chosen], pairs.rows[chosen]
-        is_possible = gains > -config.appearance_limit
-        rivals = np.bincount(objects[is_possible], minlength=len(self.objects))[objects]
-        rivals += np.bincount(rows[is_possible], minlength=len(frame.scores))[rows]
-        is_certain = (rivals == 2) & (gains > config.appearance_limit)  # whatever the look
-        asked = np.flatnonzero(is_possible & ~is_certain)
-        pair = chosen[asked]
-        unknown = pair[np.isnan(pairs.distance[pair])]
-        slots = self.objects.slots[pairs.objects[unknown]]
-        pairs.distance[unknown] = self.looks.distances(slots, frame.looks, pairs.rows[unknown])
-        gains[asked] += self._likeness(pairs.distance[pair])
-        return gains
+        rivals = np.bincount(objects)[objects] + np.bincount(rows)[rows]
+        asked = ((rivals > 2) | (gains <= limit)).nonzero()[0]  # the others are certain, whatever the look
+        gains[asked] += self._likeness(self._distances(frame.looks, pairs, chosen[asked]))
+        positive = (gains > 0).nonzero()[0]
+        return chosen[positive], gains[positive]
 
     def _clean_rows(self, frame: Frame, pairs: Pairs) -> NDArray[np.bool_]:
         """(N,) bool: rows whose descriptor may be kept: sure of itself, and nothing else in the box."""
         is_clean = frame.is_high.copy()
         crowded = frame.overlaps.above(self.config.clean_overlap)
-        both_high = frame.is_high[crowded.a] & frame.is_high[crowded.b]
-        is_clean[crowded.a[both_high]] = False
-        is_clean[crowded.b[both_high]] = False
-        is_hidden = self.objects.ids != NO_ID
+        if len(crowded.a):
+            both_high = frame.is_high[crowded.a] & frame.is_high[crowded.b]
+            is_clean[crowded.a[both_high]] = False
+            is_clean[crowded.b[both_high]] = False
+        is_hidden = (self.objects.ids != NO_ID) & ~pairs.is_taken
         is_hidden &= self.now_s - self.objects.seen_s < self.config.hidden_s
-        is_hidden[frame.object_of[frame.object_of >= 0]] = False
         covers = is_hidden[pairs.objects] & (pairs.overlap > self.config.hidden_overlap)
         is_clean[pairs.rows[covers]] = False
         return is_clean
 
-    def _see(self, frame: Frame, is_clean: NDArray[np.bool_], detections: Detections) -> GivenBack:
-        """What the matched rows say about their objects; rows of objects that are confirmed now are given back."""
-        rows = np.flatnonzero(frame.object_of >= 0)
+    def _see(self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64]) -> None:
+        """What the matched rows (M,) say about their objects ``seen`` (M,)."""
         if not len(rows):
-            return GivenBack.nothing()
+            return
         objects = self.objects
-        seen = frame.object_of[rows]
-        jumped = frame.has_jumped[rows]
-        if jumped.any():
+        jumped = frame.has_jumped[rows].nonzero()[0]
+        if len(jumped):
             fast = seen[jumped]
             objects.motions.widen_(fast, self.now_s - objects.seen_s[fast], self.config.motion)
-        objects.motions.correct_(seen, frame.states[rows], self.config.motion)
+        objects.motions.correct_(seen, frame.states.T.take(rows, axis=1).T, self.config.motion)
         objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence, self.moving)
-        if frame.looks is not None:
-            self.looks.remember(objects.slots[seen], frame.looks, rows, is_clean, self.now_s)
-        confirmed = np.flatnonzero(objects.is_real & (objects.ids == NO_ID))
+        confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
         objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
         self.next_id += len(confirmed)
-        is_waiting = ~objects.is_real[seen]
-        for row, place in zip(rows[is_waiting].tolist(), seen[is_waiting].tolist(), strict=True):
-            self._wait(int(objects.serials[place]), row, detections)
-        real = seen[~is_waiting]
-        return self.waiting.give_back(objects.serials[real], objects.ids[real], objects.labels[real])
+
+    def _answer(
+        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], detections: Detections
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], GivenBack]:
+        """Ids and labels (N,) of all rows, and the earlier rows of objects that are confirmed now.
+
+        The matched rows (M,) are of the objects ``seen`` (M,); those of objects that are not confirmed wait.
+        """
+        is_real = self.objects.is_real[seen]
+        for place in (~is_real).nonzero()[0].tolist():
+            self._wait(int(self.objects.serials[seen[place]]), int(rows[place]), detections)
+        rows, seen = rows[is_real], seen[is_real]
+        ids, labels = np.full(len(frame.scores), NO_ID), frame.labels.copy()
+        ids[rows] = known = self.objects.ids[seen]
+        labels[rows] = voted = self.objects.labels[seen]
+        return ids, labels, self.waiting.give_back(self.objects.serials[seen], known, voted)
 
     def _wait(self, serial: int, row: int, detections: Detections) -> None:
         number = row if self._numbers is None else int(self._numbers[row])
@@ -317,23 +342,11 @@ class DefaultRule:
         box = detections.xyxy[row].copy()
         self.waiting.add(serial, WaitingRow(self._frame_number, number, box, score, label))
 
-    def _answer(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Ids and labels (N,) of all rows."""
-        ids, labels = np.full(len(frame.scores), NO_ID), frame.labels
-        rows = np.flatnonzero(frame.object_of >= 0)
-        rows = rows[self.objects.is_real[frame.object_of[rows]]]
-        if len(rows):
-            ids[rows] = self.objects.ids[frame.object_of[rows]]
-            labels = labels.copy()
-            labels[rows] = self.objects.labels[frame.object_of[rows]]
-        return ids, labels
-
     def _end(self, step_s: float, size: tuple[int, int] | None) -> None:
         """Forget whom nobody has seen for too long, or who has left the picture."""
         objects, config = self.objects, self.config
-        unseen_s = self.now_s - objects.seen_s
-        tentative_s = max(config.tentative_s, 1.01 * step_s)
-        is_over = unseen_s > np.where(objects.is_real, config.memory_s, tentative_s)
+        unseen_s = self.now_s - objects.seen_s  # not more than the memory: those are gone already
+        is_over = ~objects.is_real & (unseen_s > max(config.tentative_s, 1.01 * step_s))
         is_outside = self._are_outside(size)
         is_over |= is_outside & (unseen_s > config.leave_s)
         if not is_over.any():
@@ -346,14 +359,12 @@ class DefaultRule:
 
     def _are_outside(self, size: tuple[int, int] | None) -> NDArray[np.bool_]:
         """(P,) bool: objects that are believed to be beyond the border of the picture."""
-        place = self.objects.motions.place
-        low, high = self.extent[:2], self.extent[2:]
-        if size is not None:
-            low, high = np.zeros(2), np.array(size[::-1], np.float64)
-        elif self.next_id <= _BORDERS:
-            return np.zeros(len(place), np.bool_)
-        is_beyond = (place < low) | (place > high)
-        return is_beyond[:, 0] | is_beyond[:, 1]
+        if size is None and self.next_id <= _BORDERS:
+            return np.zeros(len(self.objects), np.bool_)
+        left, top, right, bottom = self.extent.tolist() if size is None else (0, 0, size[1], size[0])
+        x, y = self.objects.motions.place.T
+        is_outside: NDArray[np.bool_] = (x < left) | (x > right) | (y < top) | (y > bottom)
+        return is_outside
 
     def _note_ends(self, is_over: NDArray[np.bool_], reasons: list[str]) -> None:
         """Remember, for the story, which identities end and why; ``reasons`` (P,)."""
@@ -365,28 +376,22 @@ class DefaultRule:
         self.looks.release(self.objects.slots[is_over])
         self.objects = self.objects.part(~is_over)
 
-    def _begin(self, frame: Frame, is_clean: NDArray[np.bool_], detections: Detections) -> NDArray[np.bool_]:
-        """New objects from what is left, not from second boxes of what is there; (N,) which rows."""
-        config = self.config
-        is_wanted = frame.is_usable & (frame.scores >= config.birth_score)
-        twins = frame.overlaps.above(config.duplicate_overlap)
-        is_new = keep_best(twins, frame.order, is_wanted, frame.object_of >= 0)
-        rows = np.flatnonzero(is_new)
+    def _begin(self, frame: Frame, detections: Detections) -> NDArray[np.intp]:
+        """New objects from what is left, not from second boxes of what is there; (B,) their rows, in their order."""
+        is_free = frame.object_of < 0
+        is_wanted = is_free & frame.is_usable & (frame.scores >= self.config.birth_score)
+        if not np.count_nonzero(is_wanted):
+            return np.zeros(0, np.intp)
+        twins = frame.overlaps.above(self.config.duplicate_overlap)
+        rows = keep_best(twins, frame.order, is_wanted, ~is_free).nonzero()[0]
         rows = rows[np.argsort(-frame.scores[rows], kind="stable")]  # ids do not depend on the order of rows
-        if not len(rows):
-            return is_new
         serials = np.arange(self.next_serial, self.next_serial + len(rows))
         self.next_serial += len(rows)
-        slots = self.looks.take(len(rows))
-        new = Objects.begin(
-            serials, slots, frame.labels[rows], frame.scores[rows], frame.states[rows], self.now_s, config.motion
-        )
-        self.objects = self.objects.joined(new)
-        if frame.looks is not None:
-            self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
+        rest = frame.labels[rows], frame.scores[rows], frame.states[rows], self.now_s, self.config.motion
+        self.objects = self.objects.joined(Objects.begin(serials, self.looks.take(len(rows)), *rest))
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
             self._wait(serial, row, detections)
-        return is_new
+        return rows
 
 
 def _nobody(config: DefaultConfig) -> Objects:

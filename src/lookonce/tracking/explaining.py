@@ -41,21 +41,22 @@ class Notes:
 
 
 def tell(
-    notes: Notes, ids: NDArray[np.int64], is_new: NDArray[np.bool_], ended: tuple[Ended, ...], config: DefaultConfig
+    notes: Notes, ids: NDArray[np.int64], new: NDArray[np.intp], ended: tuple[Ended, ...], config: DefaultConfig
 ) -> FrameStory:
     """The story of a frame.
 
     Args:
         notes: taken between matching and everything else.
         ids: (N,) the answer for the rows.
-        is_new: (N,) rows that became new objects.
+        new: (B,) rows that became new objects.
         ended: identities that ended.
         config: the settings.
     """
+    begun = set(new.tolist())
     order = np.argsort(notes.pairs.rows, kind="stable")
     begins = np.searchsorted(notes.pairs.rows[order], np.arange(len(ids) + 1))
     rows = [
-        _row(notes, row, order[begins[row] : begins[row + 1]], int(ids[row]), bool(is_new[row]), config)
+        _row(notes, row, order[begins[row] : begins[row + 1]], int(ids[row]), row in begun, config)
         for row in range(len(ids))
     ]
     return FrameStory(tuple(rows), ended)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from lookonce.distances import SCALE, Quantized
 
 __all__ = ["LATEST", "Looks", "median_of_three"]
 
+_NAMES = ("latest", "kept", "kept_squared", "seen", "view_count", "view_s")  # of what is saved
 LATEST = 3  # descriptors of which the reference is the element-wise median, as in the paper's section 3.3
-_CHUNK = 1024  # pairs at once: 6 MB of copies at 128 values and four views
+_CHUNK = 256  # pairs at once: half a megabyte of copies at 128 values, which stays in a processor's cache
 
 
 class Looks:
@@ -37,9 +39,9 @@ class Looks:
         self._allocate(0, 0)
 
     def _allocate(self, slots: int, size: int) -> None:
-        self.latest = np.zeros((slots, LATEST, size))
-        self.kept = np.zeros((slots, 1 + self.views, size))  # the reference, then the views
-        self.kept_squared = np.full((slots, 1 + self.views), np.inf)  # squared lengths; infinite: none there
+        self.latest = np.zeros((LATEST, slots, size))
+        self.kept = np.zeros((1 + self.views, slots, size))  # the reference, then the views
+        self.kept_squared = np.full((1 + self.views, slots), np.inf)  # squared lengths; infinite: none there
         self.seen = np.zeros(slots, np.int64)  # descriptors remembered so far
         self.view_count = np.zeros(slots, np.int64)
         self.view_s = np.full(slots, -np.inf)
@@ -68,7 +70,7 @@ class Looks:
 
     def release(self, slots: NDArray[np.int64]) -> None:
         """The objects in ``slots`` (M,) are gone."""
-        self.kept_squared[slots] = np.inf
+        self.kept_squared[:, slots] = np.inf
         self.seen[slots] = self.view_count[slots] = 0
         self._is_stale[slots] = False
         self.view_s[slots] = -np.inf
@@ -81,8 +83,19 @@ class Looks:
             new[:used] = old
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        own = self.latest, self.kept, self.kept_squared, self.seen, self.view_count, self.view_s
-        return (*own, self._is_stale)
+        """All of them, slots first."""
+        by_view = (self.latest.swapaxes(0, 1), self.kept.swapaxes(0, 1), self.kept_squared.T)
+        return (*by_view, self.seen, self.view_count, self.view_s, self._is_stale)
+
+    def part(self, slots: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+        """What is kept in ``slots`` (M,), by name, M rows each."""
+        self.refresh(slots)
+        return {name: array[slots] for name, array in zip(_NAMES, self._arrays(), strict=False)}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Fill the first slots with what ``part`` gave."""
+        for name, array in zip(_NAMES, self._arrays(), strict=False):
+            array[: len(arrays[name])] = arrays[name]
 
     def distances(
         self, slots: NDArray[np.int64], descriptors: Quantized, rows: NDArray[np.int64]
@@ -97,18 +110,37 @@ class Looks:
         self.refresh(slots)
         squared = np.empty(len(slots))
         for begin in range(0, len(slots), _CHUNK):
-            places = slots[begin : begin + _CHUNK]
-            there = 1 + min(int(self.view_count[places].max()), self.views)  # the reference, and so many views
-            units = descriptors.units[rows[begin : begin + _CHUNK]]
-            apart = -2.0 * np.einsum("kvd,kd->kv", self.kept[places, :there], units)  # exact
-            apart += self.kept_squared[places, :there]
-            squared[begin : begin + _CHUNK] = apart.min(axis=1)
-        lengths = descriptors.squared_lengths[rows]
+            chunk = slice(begin, begin + _CHUNK)
+            places, units = slots[chunk], descriptors.units.take(rows[chunk], axis=0)
+            nearest = self._apart(0, places, units)
+            self._nearest_view_(nearest, places, units)
+            squared[chunk] = nearest
+        lengths = descriptors.squared_lengths.take(rows)
         squared += lengths
         squared[lengths == 0] = np.inf
         np.sqrt(squared, out=squared)
         squared /= SCALE
         return squared
+
+    def _nearest_view_(
+        self, nearest: NDArray[np.float64], slots: NDArray[np.int64], units: NDArray[np.float64]
+    ) -> None:
+        """Lowers ``nearest`` (K,) to the smallest ``_apart`` of the views, where that is less."""
+        counts = self.view_count.take(slots)
+        for view in range(1, 1 + min(int(counts.max()), self.views)):
+            having = (counts >= view).nonzero()[0]
+            if len(having) == len(slots):
+                np.minimum(nearest, self._apart(view, slots, units), out=nearest)
+            else:
+                apart = self._apart(view, slots[having], units.take(having, axis=0))
+                nearest[having] = np.minimum(nearest[having], apart)
+
+    def _apart(self, view: int, slots: NDArray[np.int64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K,) squared distances of ``units`` (K, D) to a kept descriptor each, less their own squared lengths."""
+        apart: NDArray[np.float64] = np.einsum("kd,kd->k", self.kept[view].take(slots, axis=0), units)
+        apart *= -2.0
+        apart += self.kept_squared[view].take(slots)
+        return apart
 
     def remember(
         self,
@@ -126,39 +158,43 @@ class Looks:
         wanted = (is_clean[rows] | (seen == 0)) & (descriptors.squared_lengths[rows] > 0)
         if not wanted.all():
             slots, rows, seen = slots[wanted], rows[wanted], seen[wanted]
-        self.latest[slots, seen % LATEST] = descriptors.units[rows]
+        self.latest[seen % LATEST, slots] = descriptors.units.take(rows, axis=0)
         self.seen[slots] = seen + 1
         self._is_stale[slots] = True
         if self.views:
-            due = np.flatnonzero(is_clean[rows] & (self.view_s[slots] + self.interval_s <= now_s))
+            due = (is_clean[rows] & (self.view_s[slots] + self.interval_s <= now_s)).nonzero()[0]
             if len(due):
                 self._view(slots[due], descriptors.part(rows[due]), now_s)
 
     def refresh(self, slots: NDArray[np.int64]) -> None:
         """Bring the references of objects up to date: only when somebody asks, because most never are asked for."""
-        stale = slots[self._is_stale[slots]]
+        is_due = np.zeros(len(self.seen), np.bool_)
+        is_due[slots] = True
+        is_due &= self._is_stale
+        stale = is_due.nonzero()[0]
         if not len(stale):
             return
         self._is_stale[stale] = False
-        if len(stale) > 1:
-            stale = np.unique(stale)
-        latest, seen = self.latest[stale], self.seen[stale]
-        references = median_of_three(latest[:, 0], latest[:, 1], latest[:, 2])
-        young = np.flatnonzero(seen < LATEST)
+        latest, seen = self.latest.take(stale, axis=1), self.seen[stale]
+        references = median_of_three(*latest)
+        young = (seen < LATEST).nonzero()[0]
         if len(young):
-            references[young] = latest[young, seen[young] - 1]
-        self.kept[stale, 0] = references
-        self.kept_squared[stale, 0] = np.einsum("sd,sd->s", references, references)
+            references[young] = latest[seen[young] - 1, young]
+        self.kept[0, stale] = references
+        self.kept_squared[0, stale] = np.einsum("sd,sd->s", references, references)
 
     def _view(self, slots: NDArray[np.int64], descriptors: Quantized, now_s: float) -> None:
-        products = np.einsum("kgd,kd->kg", self.kept.take(slots, axis=0)[:, 1:], descriptors.units)
-        apart = self.kept_squared.take(slots, axis=0)[:, 1:] - 2 * products + descriptors.squared_lengths[:, None]
-        is_new = apart.min(axis=1) > (self.apart * SCALE) ** 2
+        """Keep descriptors (M, D) of the objects in ``slots`` (M,) as views, where they differ from those kept."""
         self.view_s[slots] = now_s
-        slots = slots[is_new]
+        nearest = np.full(len(slots), np.inf)
+        self._nearest_view_(nearest, slots, descriptors.units)
+        new = (nearest + descriptors.squared_lengths > (self.apart * SCALE) ** 2).nonzero()[0]
+        if not len(new):
+            return
+        slots = slots[new]
         place = 1 + self.view_count[slots] % self.views
-        self.kept[slots, place] = descriptors.units[is_new]
-        self.kept_squared[slots, place] = descriptors.squared_lengths[is_new]
+        self.kept[place, slots] = descriptors.units[new]
+        self.kept_squared[place, slots] = descriptors.squared_lengths[new]
         self.view_count[slots] += 1
 
 

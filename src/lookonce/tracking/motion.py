@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 
-__all__ = ["MotionConfig", "Motions", "box_states", "squared_lengths"]
+__all__ = ["MotionConfig", "Motions", "box_states", "boxes_around", "moved", "squared_lengths"]
 
 _F = NDArray[np.float64]
 
@@ -59,82 +59,117 @@ class Motions:
     """The filters of P objects.
 
     Attributes:
-        place: (P, 2) float64, centre x, y in px.
-        velocity: (P, 2) float64, px / s.
-        place_variance, covariance, velocity_variance: (P,) float64, of each coordinate; px², px²/s, px²/s².
-        log_size: (P, 2) float64, logarithm of width and height in px.
-        size_variance: (P,) float64.
+        values: (10, P) float64, a row for each number, so that a step is a few operations on long rows: place x and y,
+            logarithms of width and height, velocity x and y, the three variances, and that of the size.
     """
 
-    place: _F
-    velocity: _F
-    place_variance: _F
-    covariance: _F
-    velocity_variance: _F
-    log_size: _F
-    size_variance: _F
+    values: _F
+
+    @property
+    def place(self) -> _F:
+        """(P, 2) centre x, y in px; this and the others are views."""
+        return self.values[:2].T
+
+    @property
+    def log_size(self) -> _F:
+        """(P, 2) logarithms of width and height in px."""
+        return self.values[2:4].T
+
+    @property
+    def velocity(self) -> _F:
+        """(P, 2) px / s."""
+        return self.values[4:6].T
+
+    @property
+    def place_variance(self) -> _F:
+        """(P,) of each coordinate, px²."""
+        return self.values[6, :]
+
+    @property
+    def covariance(self) -> _F:
+        """(P,) of place and velocity of each coordinate, px² / s."""
+        return self.values[7, :]
+
+    @property
+    def velocity_variance(self) -> _F:
+        """(P,) of each coordinate, px² / s²."""
+        return self.values[8, :]
+
+    @property
+    def size_variance(self) -> _F:
+        """(P,) of each logarithm."""
+        return self.values[9, :]
 
     @classmethod
     def begin(cls, states: _F, config: MotionConfig) -> Motions:
         """Filters of objects seen once, from ``box_states`` (P, 4)."""
-        height = np.exp(states[:, 3])
-        return cls(
-            states[:, :2].copy(),
-            np.zeros((len(states), 2)),
-            (config.place_noise * height) ** 2,
-            np.zeros(len(states)),
-            (config.new_speed * height) ** 2,
-            states[:, 2:].copy(),
-            np.full(len(states), config.size_noise**2),
-        )
+        values = np.zeros((10, len(states)))
+        values[:4] = states.T
+        height = np.exp(values[3])
+        values[6] = (config.place_noise * height) ** 2
+        values[8] = (config.new_speed * height) ** 2
+        values[9] = config.size_noise**2
+        return cls(values)
+
+    def part(self, objects: NDArray[np.intp]) -> Motions:
+        """Those of ``objects`` (M,)."""
+        return Motions(self.values.take(objects, axis=1))
+
+    def joined(self, others: Motions) -> Motions:
+        """These, then the others."""
+        return Motions(np.concatenate([self.values, others.values], axis=1))
 
     def predict_(self, step_s: float, is_unseen: NDArray[np.bool_], config: MotionConfig) -> None:
         """Changes the filters to what is to be expected ``step_s`` later; ``is_unseen`` (P,) before the step."""
-        squared_height = np.exp(2 * self.log_size[:, 1])
+        place, velocity = self.values[:2], self.values[4:6]
+        variance, covariance, velocity_variance, size_variance = self.values[6:]
+        squared_height = np.exp(2 * self.values[3])
         noise = (config.acceleration**2) * squared_height
-        noise += (config.acceleration_share**2) * squared_lengths(self.velocity)
-        self.place += self.velocity * step_s
-        slowing = np.where(is_unseen, np.exp(-step_s / config.slow_down_s), 1.0)
-        self.velocity *= slowing[:, None]
-        self.place_variance += (2 * self.covariance + self.velocity_variance * step_s) * step_s
-        self.place_variance += noise * (step_s**3 / 3)
-        self.covariance += self.velocity_variance * step_s + noise * (step_s**2 / 2)
-        self.velocity_variance += noise * step_s
+        noise += (config.acceleration_share**2) * squared_lengths(velocity.T)
+        place += velocity * step_s
+        velocity *= np.where(is_unseen, np.exp(-step_s / config.slow_down_s), 1.0)
+        grown = velocity_variance * step_s
+        variance += (2 * covariance + grown) * step_s
+        variance += noise * (step_s**3 / 3)
+        grown += noise * (step_s**2 / 2)
+        covariance += grown
+        noise *= step_s
+        velocity_variance += noise
         bound = config.new_speed**2 * squared_height
-        is_beyond = self.velocity_variance > bound
-        if is_beyond.any():  # the covariance goes with it, or the matrix would not be one of a distribution any more
-            self.covariance[is_beyond] *= np.sqrt(bound[is_beyond] / self.velocity_variance[is_beyond])
-            self.velocity_variance[is_beyond] = bound[is_beyond]
-        self.size_variance += config.size_drift**2 * step_s
-        np.minimum(self.size_variance, _LARGEST_SIZE_VARIANCE, out=self.size_variance)
+        beyond = (velocity_variance > bound).nonzero()[0]
+        if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
+            bound = bound[beyond]
+            covariance[beyond] *= np.sqrt(bound / velocity_variance[beyond])
+            velocity_variance[beyond] = bound
+        size_variance += config.size_drift**2 * step_s
+        np.minimum(size_variance, _LARGEST_SIZE_VARIANCE, out=size_variance)
 
     def correct_(self, objects: NDArray[np.intp], states: _F, config: MotionConfig) -> None:
         """Changes the filters of ``objects`` (M,) by what was seen of them, ``box_states`` (M, 4)."""
-        variance, covariance = self.place_variance[objects], self.covariance[objects]
-        total = variance + (config.place_noise * np.exp(states[:, 3])) ** 2
-        place_gain, velocity_gain = variance / total, covariance / total
-        place = self.place.take(objects, axis=0)
-        surprise = states[:, :2] - place
-        self.place[objects] = place + place_gain[:, None] * surprise
-        self.velocity[objects] = self.velocity.take(objects, axis=0) + velocity_gain[:, None] * surprise
-        self.place_variance[objects] = variance - place_gain * variance
-        self.covariance[objects] = covariance - place_gain * covariance
-        self.velocity_variance[objects] -= velocity_gain * covariance
-        size_gain = self.size_variance[objects]
-        size_gain = size_gain / (size_gain + config.size_noise**2)
-        log_size = self.log_size.take(objects, axis=0)
-        self.log_size[objects] = log_size + size_gain[:, None] * (states[:, 2:] - log_size)
-        self.size_variance[objects] *= 1 - size_gain
+        values, seen = self.values.take(objects, axis=1), states.T
+        place, log_size, velocity = values[:2], values[2:4], values[4:6]
+        variance, covariance, velocity_variance, size_variance = values[6:]
+        total = variance + (config.place_noise * np.exp(seen[3])) ** 2
+        place_gain, velocity_gain = values[6:8] / total
+        surprise = seen[:2] - place
+        place += place_gain * surprise
+        velocity += velocity_gain * surprise
+        velocity_variance -= velocity_gain * covariance
+        values[6:8] -= place_gain * values[6:8]
+        size_gain = size_variance / (size_variance + config.size_noise**2)
+        log_size += size_gain * (seen[2:] - log_size)
+        size_variance *= 1 - size_gain
+        self.values[:, objects] = values
 
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
         """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""
-        return self.place_variance + (config.jump_speed**2 - config.new_speed**2) * (
-            elapsed_s**2 * np.exp(2 * self.log_size[:, 1])
-        )
+        more = config.jump_speed**2 - config.new_speed**2
+        widened: _F = self.place_variance + more * (elapsed_s**2 * np.exp(2 * self.values[3]))
+        return widened
 
     def widen_(self, objects: NDArray[np.intp], elapsed_s: _F, config: MotionConfig) -> None:
         """Changes the filters of ``objects`` (M,), seen once, ``elapsed_s`` (M,) ago, to those of fast ones."""
-        more = (config.jump_speed**2 - config.new_speed**2) * np.exp(2 * self.log_size[objects, 1])
+        more = (config.jump_speed**2 - config.new_speed**2) * np.exp(2 * self.values[3, objects])
         self.place_variance[objects] += more * elapsed_s**2
         self.covariance[objects] += more * elapsed_s
         self.velocity_variance[objects] += more
@@ -144,23 +179,30 @@ class Motions:
         linear = affine[:, :2]
         (a, b), (c, d) = linear.tolist()
         growth = abs(a * d - b * c)
-        self.place = self.place @ linear.T + affine[:, 2]
-        self.velocity = self.velocity @ linear.T
-        self.place_variance *= growth
-        self.covariance *= growth
-        self.velocity_variance *= growth
-        self.log_size += 0.5 * np.log(growth)
+        self.place[:] = moved(self.place, affine)
+        self.velocity[:] = np.ascontiguousarray(self.velocity) @ linear.T
+        self.values[6:9] *= growth
+        self.values[2:4] += 0.5 * np.log(growth)
 
     def boxes(self, objects: NDArray[np.intp] | None = None) -> _F:
         """(M, 4) float64 xyxy where ``objects`` (M,), by default all, are believed to be."""
-        log_size, place = self.log_size, self.place
-        if objects is not None:
-            log_size, place = log_size.take(objects, axis=0), place.take(objects, axis=0)
-        half = np.exp(log_size) / 2
-        boxes = np.empty((len(place), 4))
-        np.subtract(place, half, out=boxes[:, :2])
-        np.add(place, half, out=boxes[:, 2:])
-        return boxes
+        state = self.values[:4] if objects is None else self.values[:4].take(objects, axis=1)
+        return boxes_around(state[:2], np.exp(state[2:]))
+
+
+def boxes_around(centre: _F, size: _F) -> _F:
+    """Boxes xyxy (N, 4) of ``centre`` (2, N) and ``size`` (2, N), x before y."""
+    half = size / 2
+    boxes = np.empty((4, len(half[0])))
+    np.subtract(centre, half, out=boxes[:2])
+    np.add(centre, half, out=boxes[2:])
+    return boxes.T
+
+
+def moved(points: _F, affine: _F) -> _F:
+    """Points (N, 2) under an affine map (2, 3)."""
+    there: _F = np.ascontiguousarray(points) @ affine[:, :2].T + affine[:, 2]  # the same bytes in any layout
+    return there
 
 
 def squared_lengths(vectors: _F) -> _F:
@@ -171,10 +213,13 @@ def squared_lengths(vectors: _F) -> _F:
     return squared
 
 
-def box_states(xyxy: NDArray[np.float32]) -> _F:
-    """Boxes ``xyxy`` (N, 4) as (N, 4) float64: centre x, y in px, logarithms of width and height."""
-    states = np.empty((len(xyxy), 4))
-    low, high = xyxy[:, :2].astype(np.float64), xyxy[:, 2:].astype(np.float64)
-    states[:, :2] = (low + high) / 2
-    np.log(high - low, out=states[:, 2:])
-    return states
+def box_states(xyxy: NDArray[np.floating]) -> _F:
+    """Boxes ``xyxy`` (N, 4) as (N, 4) float64: centre x, y in px, logarithms of width and height; long columns."""
+    corners = np.ascontiguousarray(xyxy.T, np.float64)
+    low, high = corners[:2], corners[2:]
+    states = np.empty(corners.shape)
+    np.add(low, high, out=states[:2])
+    states[:2] /= 2
+    np.subtract(high, low, out=states[2:])
+    np.log(states[2:], out=states[2:])
+    return states.T

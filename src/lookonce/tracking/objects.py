@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 from lookonce.structures import NO_ID
-from lookonce.tracking.motion import MotionConfig, Motions, squared_lengths
+from lookonce.tracking.motion import MotionConfig, Motions
 
 __all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 
@@ -76,44 +74,48 @@ class MovingScores:
         return config.score + trust * (usual - config.score)
 
 
-@dataclass(slots=True)
 class Objects:
     """P objects that are alive, in the order in which they were first seen.
+
+    The numbers lie in two matrices, a row for each kind, so that taking some objects is two operations; the attributes
+    are views of the rows, to be changed in place.
+
+    Args:
+        whole: (6, P) int64, ``serials`` to ``travels``.
+        values: (7, P) float64, ``votes`` to ``anchor``.
+        is_real: (P,) bool.
+        motions: their filters.
 
     Attributes:
         serials: (P,) int64, from 0, never used twice; for objects that have no id yet.
         ids: (P,) int64; -1 = never confirmed so far.
         slots: (P,) int64, where ``Looks`` has their descriptors.
         labels: (P,) int64, the class by vote.
-        votes: (P,) float64, how much score it is ahead.
-        seen_s: (P,) float64, when last seen.
         hits: (P,) int64, how often seen.
+        travels: (P,) int64.
+        votes: (P,) float64, how much score the class is ahead.
+        seen_s: (P,) float64, when last seen.
         score_mean: (P,) float64, of about the last three.
         score_peak: (P,) float64, the highest such mean, fading.
-        anchor: (P, 2) float64, px, where the last travel ended.
-        travels: (P,) int64.
         travel_s: (P,) float64, when the last travel ended.
+        anchor: (P, 2) float64, px, where it ended.
         is_real: (P,) bool, whether rows are given the id now.
-        motions: their filters.
     """
 
-    serials: NDArray[np.int64]
-    ids: NDArray[np.int64]
-    slots: NDArray[np.int64]
-    labels: NDArray[np.int64]
-    votes: NDArray[np.float64]
-    seen_s: NDArray[np.float64]
-    hits: NDArray[np.int64]
-    score_mean: NDArray[np.float64]
-    score_peak: NDArray[np.float64]
-    anchor: NDArray[np.float64]
-    travels: NDArray[np.int64]
-    travel_s: NDArray[np.float64]
-    is_real: NDArray[np.bool_]
-    motions: Motions
+    def __init__(
+        self,
+        whole: NDArray[np.int64],
+        values: NDArray[np.float64],
+        is_real: NDArray[np.bool_],
+        motions: Motions,
+    ) -> None:
+        self._whole, self._values, self.is_real, self.motions = whole, values, is_real, motions
+        self.serials, self.ids, self.slots, self.labels, self.hits, self.travels = whole
+        self.votes, self.seen_s, self.score_mean, self.score_peak, self.travel_s = values[:5]
+        self.anchor: NDArray[np.float64] = values[5:].T
 
     def __len__(self) -> int:
-        return len(self.ids)
+        return len(self.is_real)
 
     @classmethod
     def begin(
@@ -128,31 +130,31 @@ class Objects:
     ) -> Objects:
         """Objects seen for the first time, P of them; ``states`` (P, 4) are ``box_states``."""
         count = len(serials)
-        return cls(
-            serials=serials,
-            ids=np.full(count, NO_ID, np.int64),
-            slots=slots,
-            labels=labels.copy(),
-            votes=scores.copy(),
-            seen_s=np.full(count, now_s),
-            hits=np.ones(count, np.int64),
-            score_mean=scores.copy(),
-            score_peak=np.zeros(count),
-            anchor=states[:, :2].copy(),
-            travels=np.zeros(count, np.int64),
-            travel_s=np.full(count, -np.inf),
-            is_real=np.zeros(count, np.bool_),
-            motions=Motions.begin(states, config),
+        new = cls(
+            np.zeros((6, count), np.int64),
+            np.zeros((7, count)),
+            np.zeros(count, np.bool_),
+            Motions.begin(states, config),
         )
+        new.serials[:], new.ids[:], new.slots[:], new.labels[:], new.hits[:] = serials, NO_ID, slots, labels, 1
+        new.votes[:], new.seen_s[:], new.score_mean[:], new.travel_s[:] = scores, now_s, scores, -np.inf
+        new.anchor[:] = states[:, :2]
+        return new
 
     def part(self, chosen: NDArray[np.bool_]) -> Objects:
         """The chosen objects (P,)."""
-        places = np.flatnonzero(chosen)
-        return _each(lambda values: values.take(places, axis=0), self)
+        places = chosen.nonzero()[0]
+        whole, values = self._whole.take(places, axis=1), self._values.take(places, axis=1)
+        return Objects(whole, values, self.is_real[places], self.motions.part(places))
 
     def joined(self, others: Objects) -> Objects:
         """These objects, then the others."""
-        return _each(lambda *values: np.concatenate(values), self, others)
+        return Objects(
+            np.concatenate([self._whole, others._whole], axis=1),
+            np.concatenate([self._values, others._values], axis=1),
+            np.concatenate([self.is_real, others.is_real]),
+            self.motions.joined(others.motions),
+        )
 
     def see_(
         self,
@@ -168,7 +170,8 @@ class Objects:
         self.seen_s[objects] = now_s
         self.hits[objects] = hits = self.hits[objects] + 1
         mean = self.score_mean[objects]
-        self.score_mean[objects] = mean = mean + (scores - mean) / np.minimum(hits, 3)
+        mean += (scores - mean) / np.minimum(hits, 3)
+        self.score_mean[objects] = mean
         has_enough = hits >= config.hits
         self.score_peak[objects] = peak = np.maximum(np.where(has_enough, mean, 0.0), faded)
         self._travel_(objects, now_s, config)
@@ -179,32 +182,21 @@ class Objects:
         self._vote_(objects, labels, scores)
 
     def _travel_(self, objects: NDArray[np.int64], now_s: float, config: EvidenceConfig) -> None:
-        place = self.motions.place.take(objects, axis=0)
-        log_width, log_height = self.motions.log_size.take(objects, axis=0).T
-        squared_way = squared_lengths(place - self.anchor.take(objects, axis=0))
-        has_arrived = squared_way > config.travel**2 * np.exp(log_width + log_height)
-        if has_arrived.any():
-            arrived = objects[has_arrived]
-            self.anchor[arrived] = place[has_arrived]
-            self.travels[arrived] += 1
-            self.travel_s[arrived] = now_s
+        state, anchor = self.motions.values[:4].take(objects, axis=1), self._values[5:]
+        way = state[:2] - anchor.take(objects, axis=1)
+        way *= way
+        arrived = (way[0] + way[1] > config.travel**2 * np.exp(state[2] + state[3])).nonzero()[0]
+        if len(arrived):
+            objects = objects[arrived]
+            anchor[:, objects] = state[:2, arrived]
+            self.travels[objects] += 1
+            self.travel_s[objects] = now_s
 
     def _vote_(self, objects: NDArray[np.int64], labels: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
         """Majority vote after Boyer and Moore, weighted by score: one class is ahead, others take from its lead."""
         is_same = self.labels[objects] == labels
         votes = self.votes[objects] + np.where(is_same, scores, -scores)
-        is_beaten = votes < 0
-        if is_beaten.any():
-            self.labels[objects[is_beaten]] = labels[is_beaten]
+        beaten = (votes < 0).nonzero()[0]
+        if len(beaten):
+            self.labels[objects[beaten]] = labels[beaten]
         self.votes[objects] = np.minimum(np.abs(votes), _MOST_VOTES)
-
-
-_MOTIONS = tuple(f.name for f in fields(Motions))
-_OWN = tuple(f.name for f in fields(Objects) if f.name != "motions")
-
-
-def _each(function: Callable[..., NDArray[Any]], *groups: Objects) -> Objects:
-    """Objects made array by array from one or more others."""
-    motions = Motions(*[function(*[getattr(one.motions, name) for one in groups]) for name in _MOTIONS])
-    own = {name: function(*[getattr(one, name) for one in groups]) for name in _OWN}
-    return Objects(**own, motions=motions)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.boxes import iou_of_pairs
-from lookonce.tracking.pairs import near_pairs, true_places
+from lookonce.tracking.pairs import expanded, near_pairs, unravelled
 
 __all__ = ["Overlaps", "keep_best", "overlaps_of", "thinned"]
 
-_DENSE = 128  # up to so many boxes comparing all is faster than a grid
+_MOST_SWEPT = 1 << 20  # pairs of boxes of which one lies over, under or on the other, 50 MB; then a grid finds fewer
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,9 @@ class Overlaps:
 
     def above(self, limit: float) -> Overlaps:
         """Those with an overlap above ``limit``."""
-        chosen = self.overlap > limit
+        chosen = (self.overlap > limit).nonzero()[0]
+        if len(chosen) == len(self.a):
+            return self
         return Overlaps(self.a[chosen], self.b[chosen], self.overlap[chosen])
 
 
@@ -40,23 +42,44 @@ def overlaps_of(xyxy: NDArray[np.float64], least: float, most: int | None = None
     Raises:
         TooManyPairsError: about ``most`` pairs or more are near each other; it takes no memory for them.
     """
-    if len(xyxy) <= _DENSE:
-        left, top, right, bottom = xyxy.T
-        starts_before = left[:, None] < right
-        starts_above = top[:, None] < bottom
-        low, high = true_places(starts_before & starts_before.T & starts_above & starts_above.T)
-        is_first = low < high
-        low, high = low[is_first], high[is_first]
-        return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(least)
+    columns = xyxy.T  # (4, N)
+    left, _, right, _ = columns
+    order = left.argsort(kind="stable")
+    begin, end = np.arange(1, len(xyxy) + 1), left[order].searchsorted(right[order])
+    if int(np.add.reduce(end - begin)) <= min(_MOST_SWEPT, _MOST_SWEPT if most is None else most):
+        low, high = _meeting(columns, order, begin, end)
+    else:
+        low, high = _near(xyxy, most)
+    a, b = columns.take(low, axis=1), columns.take(high, axis=1)
+    return Overlaps(low, high, iou_of_pairs(a.T, b.T)).above(least)
+
+
+def _meeting(
+    columns: NDArray[np.float64], order: NDArray[np.intp], begin: NDArray[np.intp], end: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Boxes (4, N) that have a point in common, (K,) each: in ``order`` of left sides a box meets a run of others.
+
+    Which of these have heights in common is looked at pair by pair.
+    """
+    _, top, _, bottom = columns
+    first, second = expanded(begin, end)
+    first, second = order[first], order[second]
+    meets = ((top[first] < bottom[second]) & (top[second] < bottom[first])).nonzero()[0]
+    first, second = first[meets], second[meets]
+    code = np.minimum(first, second) * len(order) + np.maximum(first, second)
+    code.sort()
+    return unravelled(code, len(order))
+
+
+def _near(xyxy: NDArray[np.float64], most: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The same, and others that are near, by a grid: where too many boxes lie over and under each other."""
     size = xyxy[:, 2:] - xyxy[:, :2]
     centre = (xyxy[:, :2] + xyxy[:, 2:]) / 2
     # The centre of the one with the shorter longest side is never farther away than the other's longest side.
     rows, columns = near_pairs(centre, size.max(axis=1, initial=0), centre, most)
     other = rows != columns
     low, high = np.minimum(rows, columns)[other], np.maximum(rows, columns)[other]
-    code = np.unique(low * len(xyxy) + high)
-    low, high = code // max(len(xyxy), 1), code % max(len(xyxy), 1)
-    return Overlaps(low, high, iou_of_pairs(xyxy[low], xyxy[high])).above(least)
+    return unravelled(np.unique(low * len(xyxy) + high), len(xyxy))
 
 
 def thinned(

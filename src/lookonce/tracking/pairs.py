@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TooManyPairsError", "near_pairs", "true_places"]
+__all__ = ["TooManyPairsError", "expanded", "near_pairs", "unravelled"]
 
-_DENSE = 1 << 14  # up to so many combinations comparing all is faster than a grid
+_DENSE = 1 << 15  # up to so many combinations comparing all is faster than a grid
 _SLACK = 1e-9
 _MOST_STRIPS = 4096
 _LONGEST_STRIP = 64  # cells that one reach may span, so that a few huge ones cannot fill the memory
@@ -35,17 +35,11 @@ def near_pairs(
         TooManyPairsError: there are more.
     """
     if len(places) * len(points) <= _DENSE:
-        limit = reach[:, None]
-        is_near = np.abs(places[:, :1] - points[:, 0]) <= limit
-        is_near &= np.abs(places[:, 1:] - points[:, 1]) <= limit
-        return true_places(is_near)
+        apart = places.T[:, :, None] - points.T[:, None]  # (2, P, N)
+        near_x, near_y = np.abs(apart, out=apart) <= reach[:, None]
+        near_x &= near_y
+        return unravelled(near_x.ravel().nonzero()[0], len(points))  # np.nonzero of two dimensions is slow
     return _by_grid(places, reach, points, most)
-
-
-def true_places(matrix: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns (K,) where a matrix (R, C) is true: ``np.nonzero``, faster."""
-    (places,) = matrix.ravel().nonzero()
-    return _unravelled(places, matrix.shape[1])
 
 
 def _by_grid(
@@ -66,19 +60,19 @@ def _by_grid(
     x, y = places[:, 0] - low[0], places[:, 1] - low[1]
     first = _between(np.floor((y - wide) / size), 0, last + 1).astype(np.intp)
     end = _between(np.floor((y + wide) / size), -1, last).astype(np.intp) + 1
-    rows, strips = _expanded(first, end)
+    rows, strips = expanded(first, end)
     origin = strips * (4 * pad)
     left, right = _between(x - wide, -pad, 2 * pad)[rows], _between(x + wide, -pad, 2 * pad)[rows]
     begin, end = np.searchsorted(key, origin + left, side="left"), np.searchsorted(key, origin + right, side="right")
     if most is not None and int(np.maximum(end - begin, 0).sum()) > most:
         raise TooManyPairsError
-    runs, positions = _expanded(begin, end)
+    runs, positions = expanded(begin, end)
     rows, columns = rows[runs], order[positions]
     apart = np.abs(places.take(rows, axis=0) - points.take(columns, axis=0))
     near = np.maximum(apart[:, 0], apart[:, 1]) <= reach[rows]
     code = rows[near] * len(points) + columns[near]
     code.sort()
-    return _unravelled(code, len(points))
+    return unravelled(code, len(points))
 
 
 def _between(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
@@ -86,13 +80,13 @@ def _between(values: NDArray[np.float64], low: float, high: float) -> NDArray[np
     return np.minimum(np.maximum(values, low), high)
 
 
-def _unravelled(places: NDArray[np.intp], columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def unravelled(places: NDArray[np.intp], columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of places in a matrix of so many columns."""
     rows = places // max(columns, 1)
     return rows, places - rows * columns
 
 
-def _expanded(begin: NDArray[np.intp], end: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def expanded(begin: NDArray[np.intp], end: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """For each row i the numbers ``begin[i]`` to ``end[i]`` - 1: the row of each, and the number."""
     counts = np.maximum(end - begin, 0)
     rows = np.arange(len(counts)).repeat(counts)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from lookonce.structures import NO_ID
 from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.looks import LATEST
-from lookonce.tracking.motion import MotionConfig, Motions
+from lookonce.tracking.motion import MotionConfig
 from lookonce.tracking.objects import EvidenceConfig, Objects
 from lookonce.tracking.paper import PaperConfig, PaperObjects, PaperRule
 from lookonce.tracking.waiting import WaitingRow
@@ -31,7 +31,15 @@ _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
 _LARGEST = 2.0 * SCALE * SCALE  # of a descriptor's value in whole numbers, far above any
 
-_MOTIONS: dict[str, type] = {f"motion_{item.name}": np.float64 for item in fields(Motions)}
+_MOTIONS: dict[str, type] = {
+    "motion_place": np.float64,
+    "motion_velocity": np.float64,
+    "motion_place_variance": np.float64,
+    "motion_covariance": np.float64,
+    "motion_velocity_variance": np.float64,
+    "motion_log_size": np.float64,
+    "motion_size_variance": np.float64,
+}
 _OBJECTS: dict[str, type] = {
     "serials": np.int64,
     "ids": np.int64,
@@ -131,8 +139,8 @@ def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {"extent": rule.extent, "moving": moving}
     arrays |= {name: getattr(objects, name) for name in _OBJECTS}
     arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
-    looks.refresh(slots)
-    arrays |= {name: getattr(looks, name)[slots] for name in _LOOKS}
+    arrays |= looks.part(slots)
+    arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
     rows = list(rule.waiting)
     numbers = [(serial, row.frame, row.row, row.label) for serial, row in rows]
     arrays["waiting"] = np.array(numbers, np.int64).reshape(-1, 4)
@@ -162,9 +170,14 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.extent = arrays["extent"]
     rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
     _restore_looks(rule, about["size"], arrays, count)
-    motions = Motions(*(arrays[f"motion_{item.name}"] for item in fields(Motions)))
-    own = {name: arrays[name] for name in _OBJECTS}
-    rule.objects = Objects(**own, slots=np.arange(count), motions=motions)
+    none = np.zeros(count, np.int64)
+    rule.objects = Objects.begin(
+        none, np.arange(count), none, np.zeros(count), np.zeros((count, 4)), 0.0, rule.config.motion
+    )
+    for name in _OBJECTS:
+        getattr(rule.objects, name)[:] = arrays[name]
+    for name in _MOTIONS:
+        getattr(rule.objects.motions, name.removeprefix("motion_"))[:] = arrays[name]
     _restore_waiting(rule, arrays)
     return rule
 
@@ -185,8 +198,7 @@ def _restore_looks(rule: DefaultRule, size: object, arrays: dict[str, NDArray[An
     _check(arrays, shapes | dict.fromkeys(("seen", "view_count", "view_s"), (count,)), ("kept_squared", "view_s"))
     looks.check_size(size)
     looks.take(count)
-    for name in _LOOKS:
-        getattr(looks, name)[:count] = arrays[name]
+    looks.restore(arrays)
 
 
 def _restore_waiting(rule: DefaultRule, arrays: dict[str, NDArray[Any]]) -> None:

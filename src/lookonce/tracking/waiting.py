@@ -54,13 +54,11 @@ class Waiting:
 
     def give_back(self, serials: NDArray[np.int64], ids: NDArray[np.int64], labels: NDArray[np.int64]) -> GivenBack:
         """The rows of those of the objects (M,) for which some wait, with their ids and labels."""
-        if not self._rows:
+        numbers = serials.tolist()
+        if self._rows.keys().isdisjoint(numbers):
             return GivenBack.nothing()
-        back: list[tuple[int, int, WaitingRow]] = []
-        for serial, identity, label in zip(serials.tolist(), ids.tolist(), labels.tolist(), strict=True):
-            back += [(identity, label, row) for row in self._rows.pop(serial, ())]
-        if not back:
-            return GivenBack.nothing()
+        found = [(place, serial) for place, serial in enumerate(numbers) if serial in self._rows]
+        back = [(int(ids[place]), int(labels[place]), row) for place, serial in found for row in self._rows.pop(serial)]
         return GivenBack(
             np.array([row.frame for _, _, row in back]),
             np.array([row.row for _, _, row in back]),
