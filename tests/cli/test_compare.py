@@ -307,3 +307,17 @@ def test_tracker_too_slow_for_many_detections_is_ranked_by_the_rest(
     assert all(row["pr"] is None for row in rows)
     (line,) = (line for line in shown.splitlines() if "made here" in line and line.split()[-1] == "-")
     assert "lookonce paper" in line
+
+
+@pytest.mark.data
+def test_appearance_helps_public_detections_at_a_low_frame_rate(data_folder: Path, tmp_path: Path) -> None:
+    """PETS at 0.9 frames a second: persons have moved on, and boxes alone tell little."""
+    pets = data_folder / "sequences" / "PETS09-S2L1"
+    source = ("--truth", pets, "--detections", pets / "det" / "det.txt", "--fps", 7, "--every", 8)
+    found = {}
+    for name, more in (("boxes", ()), ("described", ("-m", "street"))):
+        done(*source, *more, "--trackers", "lookonce-default", "-o", tmp_path / name)
+        found[name] = figures(tmp_path / name / "results.json", "lookonce-default", 8)
+    assert found["boxes"]["idf1"] < 0.5
+    assert found["described"]["idf1"] > 0.65
+    assert found["described"]["recall"] > found["boxes"]["recall"]
