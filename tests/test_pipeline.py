@@ -52,6 +52,35 @@ def test_results_do_not_depend_on_how_many_frames_are_inferred_at_once(
     assert run(workers) == run(1)
 
 
+@pytest.mark.parametrize("workers", [1, 3])
+def test_who_looks_as_a_model_does_gets_frames_and_pictures_that_belong_together(
+    square_clip: Path, square_model: Path, workers: int
+) -> None:
+    class Wrapped:
+        """A detector of somebody else that takes letterboxed pictures."""
+
+        def __init__(self, model: lookonce.Model) -> None:
+            self.names, self.size, self.model, self.seen = model.names, model.size, model, []
+
+        def detect(self, frame: lookonce.Frame) -> lookonce.Detections:
+            raise AssertionError("it can look at the letterboxed picture")
+
+        def look(self, frame, canvas, placed) -> lookonce.Detections:
+            self.seen.append((frame.index, canvas.shape))
+            (found,) = self.model.run(canvas[np.newaxis], [placed])
+            assert found.xyxy.tolist() == self.model.detect(frame).xyxy.tolist()
+            return found
+
+    model = lookonce.Model(square_model, threads=1)
+    wrapped, times = Wrapped(model), StageTimes()
+    with lookonce.open_video(square_clip) as video:
+        found = rows(track_video(video, wrapped, tracker_for(model), workers=workers, times=times))
+    with lookonce.open_video(square_clip) as video:
+        assert found == rows(track_video(video, model, tracker_for(model)))
+    assert sorted(wrapped.seen) == [(index, (64, 64, 3)) for index in range(12)]
+    assert times.seconds["detect"] > 0
+
+
 def test_every_and_max_frames_choose_frames_by_index(square_clip: Path, square_model: Path) -> None:
     frames = list(lookonce.track(square_clip, square_model, every=3, max_frames=3))
     assert [f.index for f in frames] == [0, 3, 6]

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,16 @@ from lookonce.camera import CameraMotion, luma_of_canvas
 from lookonce.errors import ConfigError
 from lookonce.interrupts import interrupts_deferred
 from lookonce.letterbox import Fit, Letterboxer
-from lookonce.model import Model, available_cpus
+from lookonce.model import Model, ModelMetadata, available_cpus
 from lookonce.output import Sink
 from lookonce.structures import Detections, Tracks
 from lookonce.tracking import DefaultConfig, PaperConfig, Tracker, TrackerConfig
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 
 __all__ = [
+    "CanvasDetector",
     "Detector",
+    "ModelFile",
     "StageTimes",
     "TrackedFrame",
     "camera_for",
@@ -53,6 +55,34 @@ class Detector(Protocol):
 
     def detect(self, frame: Frame, /) -> Detections:
         """The objects of one frame."""
+        ...
+
+
+@runtime_checkable
+class CanvasDetector(Detector, Protocol):
+    """A detector that looks at the picture as a network wants it; at several frames at once, as a :class:`Model` is."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The network's input (height, width) in px."""
+        ...
+
+    def look(self, frame: Frame, canvas: NDArray[np.uint8], placed: Fit, /) -> Detections:
+        """The objects of one frame, in its letterboxed picture (height, width, 3) uint8 RGB."""
+        ...
+
+
+class ModelFile(Protocol):
+    """What a tracker's settings take from a model file."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        ...
+
+    @property
+    def metadata(self) -> ModelMetadata:
+        """What it says about itself."""
         ...
 
 
@@ -176,7 +206,7 @@ def detector_score(preset: str | TrackerConfig) -> float:
 
 
 def tracker_for(
-    model: Model,
+    model: ModelFile,
     preset: str | TrackerConfig = "default",
     match_threshold: float | None = None,
     *,
@@ -225,7 +255,8 @@ def track_video(
 
     Args:
         video: frames in order.
-        model: finds the objects, and describes them if it can; a :class:`Model` does so for several frames at once.
+        model: finds the objects, and describes them if it can; a :class:`Model` or what looks as one does so for
+            several frames at once.
         tracker: gives them identities.
         labels: (C,) the classes to keep; none or empty: all.
         workers: how many frames are inferred at once; the results do not depend on it.
@@ -269,7 +300,7 @@ def _detected(
     video: VideoSource, detector: Detector, workers: int, times: StageTimes, after: int, *, needs_luma: bool
 ) -> Iterator[Iterator[_Detected]]:
     """Frames with their detections, in order; decoding runs ahead."""
-    if isinstance(detector, Model):
+    if isinstance(detector, Model | CanvasDetector):
         with prefetch(_letterboxed(video, detector.size, times, after), depth=_FRAMES_AHEAD) as prepared:
             with closing(_detect(prepared, detector, workers, times)) as detected:
                 yield detected
@@ -285,12 +316,18 @@ _Detected = tuple[Frame, NDArray[np.uint8] | None, Detections]
 _Prepared = tuple[Frame, NDArray[np.uint8], Fit]
 
 
-def _detect(prepared: Iterable[_Prepared], model: Model, workers: int, times: StageTimes) -> Generator[_Detected]:
+def _detect(
+    prepared: Iterable[_Prepared], detector: Model | CanvasDetector, workers: int, times: StageTimes
+) -> Generator[_Detected]:
     """Frames with their luma and detections, in order; with several workers that many frames are inferred at once."""
 
-    def infer(canvas: NDArray[np.uint8], placed: Fit) -> tuple[Detections, float]:
+    def infer(frame: Frame, canvas: NDArray[np.uint8], placed: Fit) -> tuple[Detections, float]:
         start = time.perf_counter()
-        return model.run(canvas[np.newaxis], [placed])[0], time.perf_counter() - start
+        if isinstance(detector, Model):
+            found = detector.run(canvas[np.newaxis], [placed])[0]
+        else:
+            found = detector.look(frame, canvas, placed)
+        return found, time.perf_counter() - start
 
     def finish(waiting: _Prepared, result: tuple[Detections, float]) -> _Detected:
         times.seconds["detect"] += result[1]
@@ -299,13 +336,13 @@ def _detect(prepared: Iterable[_Prepared], model: Model, workers: int, times: St
 
     if workers == 1:
         for one in prepared:
-            yield finish(one, infer(*one[1:]))
+            yield finish(one, infer(*one))
         return
     pool = ThreadPoolExecutor(workers, thread_name_prefix="lookonce-infer")
     try:
         pending: deque[tuple[_Prepared, Future[tuple[Detections, float]]]] = deque()
         for one in prepared:
-            pending.append((one, pool.submit(infer, *one[1:])))
+            pending.append((one, pool.submit(infer, *one)))
             if len(pending) > workers:  # one more waits, so that no worker does
                 first, result = pending.popleft()
                 yield finish(first, result.result())

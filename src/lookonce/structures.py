@@ -20,6 +20,7 @@ __all__ = [
     "check_boxes",
     "check_finite",
     "class_name",
+    "has_unit_length",
 ]
 
 NO_ID = -1
@@ -67,6 +68,17 @@ def check_boxes(name: str, xyxy: NDArray[np.float32]) -> None:
         raise ValueError(f"{name}: expected left < right and top < bottom, got a box of zero or negative size")
 
 
+def has_unit_length(descriptors: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(N,) bool: which rows of ``descriptors`` (N, D) are of unit length, and so finite.
+
+    >>> has_unit_length(np.array([[0.6, 0.8], [0, 0], [np.nan, 1]], np.float32)).tolist()
+    [True, False, False]
+    """
+    squared = np.einsum("nd,nd->n", descriptors, descriptors)
+    is_unit: NDArray[np.bool_] = np.abs(squared - 1) <= 2 * _UNIT_LENGTH_TOLERANCE  # False for NaN and infinity, too
+    return is_unit
+
+
 @dataclass(frozen=True, slots=True)
 class Detections:
     """What the detector saw in one frame, checked on construction.
@@ -99,9 +111,8 @@ class Detections:
     @staticmethod
     def _check_descriptors(descriptors: NDArray[np.float32], count: int) -> None:
         check_array("descriptors", descriptors, (count, None), np.float32)
-        squared = np.einsum("nd,nd->n", descriptors, descriptors)
-        # One comparison also refuses NaN and infinity.
-        if not ((np.abs(squared - 1) <= 2 * _UNIT_LENGTH_TOLERANCE) | (squared == 0)).all():
+        is_zero = np.einsum("nd,nd->n", descriptors, descriptors) == 0
+        if not (has_unit_length(descriptors) | is_zero).all():
             raise ValueError("descriptors: expected rows of unit length (or zeros), got another length")
 
     def __len__(self) -> int:

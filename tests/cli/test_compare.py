@@ -113,6 +113,52 @@ def test_detections_of_others_leave_out_who_needs_descriptors(tmp_path: Path, sq
     assert content["kiou"]["seconds_a_frame"]["detect_s"] == 0
 
 
+def test_a_model_describes_the_boxes_of_others(
+    tmp_path: Path, squares: Path, det_file: Path, square_model: Path
+) -> None:
+    def compare(name: str, *more: object) -> tuple[str, dict[str, dict]]:
+        arguments = ("--truth", squares, "--detections", det_file, "--trackers", OWN, "--cache", tmp_path / "cache")
+        shown = done(*arguments, "-o", tmp_path / name, *more).stdout
+        return shown, json.loads((tmp_path / name / "results.json").read_text())
+
+    shown, content = compare("described", "-m", square_model)
+    assert "descriptors of squares.onnx at their boxes" in " ".join(shown.split())
+    assert {"detections", "model", "model_sha256"} <= content.keys()
+    _, without = compare("plain")
+    assert "model" not in without
+    found, others = ({row["tracker"]: row for row in one["rows"]} for one in (content, without))
+    assert found["lookonce-paper"]["figures"]["idf1"] > 0.7  # colours do not change; two boxes are missed
+    assert found["lookonce-paper"]["seconds_a_frame"]["describe_s"] > 0
+    assert not found["lookonce-paper"]["seconds_a_frame"]["is_one_look"]
+    for name in ("iou", "kiou", "oracle"):  # who does not look at descriptors has the same detections
+        assert found[name]["figures"] == others[name]["figures"]
+    assert found["iou"]["seconds_a_frame"]["describe_s"] == 0
+
+
+def test_descriptors_at_the_boxes_of_others_are_read_once(
+    tmp_path: Path, squares: Path, det_file: Path, square_model: Path
+) -> None:
+    source = ("--truth", squares, "--detections", det_file, "-m", square_model)
+    arguments = (*source, "--trackers", "lookonce-paper", "-o", tmp_path / "out")
+    done(*arguments)
+    (kept,) = (tmp_path / "out" / "detections").iterdir()
+    before = kept.stat().st_mtime_ns
+    done(*arguments, "--overwrite")
+    assert kept.stat().st_mtime_ns == before
+    det_file.write_text(det_file.read_text().replace("0.9\n", "0.8\n"))  # other detections under the same name
+    done(*arguments, "--overwrite")
+    done(*arguments, "--overwrite", "-m", "street")
+    assert len(list(kept.parent.iterdir())) == 3
+
+
+def test_descriptors_at_the_boxes_of_others_need_pictures(
+    tmp_path: Path, squares: Path, det_file: Path, square_model: Path
+) -> None:
+    (squares / "img1").rename(tmp_path / "elsewhere")
+    arguments = ("--truth", squares, "--detections", det_file, "-m", square_model, "-o", tmp_path / "out")
+    assert "no such pictures" in refusal(*arguments)
+
+
 def test_missing_package_is_named_and_the_others_run(
     tmp_path: Path, squares: Path, det_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -231,9 +277,13 @@ def test_ua_detrac_with_published_detections(detrac: Path, tmp_path: Path) -> No
     for name in TEST:
         (folder / f"{name}_Det_EB.txt").write_text("".join(f"{n},1,{8 * n},80,8,8,0.{n % 10}5\n" for n in range(1, 21)))
     out = tmp_path / "out"
-    shown = done("--ua-detrac", detrac / "DETRAC", "--detections", folder, "--trackers", OWN, "-o", out).stdout
+    arguments = ("--ua-detrac", detrac / "DETRAC", "--detections", folder, "--trackers", OWN, "-o", out)
+    shown = done(*arguments).stdout
     assert "lookonce paper: left out: the detections have no descriptors" in shown
     assert len(np.loadtxt(out / "detection_PR.txt")) == 11
+    described = done(*arguments, "--overwrite", "-m", detrac / "model.onnx").stdout
+    assert "descriptors of model.onnx at their boxes" in " ".join(described.split())
+    assert "left out" not in described
 
 
 def test_tracker_too_slow_for_many_detections_is_ranked_by_the_rest(
@@ -257,3 +307,17 @@ def test_tracker_too_slow_for_many_detections_is_ranked_by_the_rest(
     assert all(row["pr"] is None for row in rows)
     (line,) = (line for line in shown.splitlines() if "made here" in line and line.split()[-1] == "-")
     assert "lookonce paper" in line
+
+
+@pytest.mark.data
+def test_appearance_helps_public_detections_at_a_low_frame_rate(data_folder: Path, tmp_path: Path) -> None:
+    """PETS at 0.9 frames a second: persons have moved on, and boxes alone tell little."""
+    pets = data_folder / "sequences" / "PETS09-S2L1"
+    source = ("--truth", pets, "--detections", pets / "det" / "det.txt", "--fps", 7, "--every", 8)
+    found = {}
+    for name, more in (("boxes", ()), ("described", ("-m", "street"))):
+        done(*source, *more, "--trackers", "lookonce-default", "-o", tmp_path / name)
+        found[name] = figures(tmp_path / name / "results.json", "lookonce-default", 8)
+    assert found["boxes"]["idf1"] < 0.5
+    assert found["described"]["idf1"] > 0.65
+    assert found["described"]["recall"] > found["boxes"]["recall"]

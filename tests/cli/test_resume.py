@@ -16,6 +16,7 @@ import pytest
 from cli.test_commands import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
 from lookonce.output import CHECKPOINT_FILE, read_checkpoint
 from lookonce.video import VideoWriter
+from make.probing.labelled_squares import truth_lines
 from squares import write_clip
 
 FILES = ("tracks.txt", "tracks.jsonl", "explain.jsonl")
@@ -90,6 +91,29 @@ def test_after_a_kill_it_goes_on_from_the_last_checkpoint(long_clip, square_mode
     assert lookonce(*_command(long_clip, square_model, tmp_path), "--resume").returncode == 0
     for name in FILES:
         assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_boxes_of_others_with_descriptors_are_gone_on_with_to_the_same_bytes(long_clip, square_model, tmp_path) -> None:
+    detections = tmp_path / "det.txt"
+    detections.write_text("".join(f"{line}\n" for line in truth_lines(2500)))
+
+    def command(out: Path) -> list[str]:
+        return [*_command(long_clip, square_model, out), "--detections", str(detections)]
+
+    unbroken, stopped = tmp_path / "unbroken", tmp_path / "stopped"
+    assert lookonce(*command(unbroken)).returncode == 0
+    results = stopped / "tracks.jsonl"
+    _stop(command(stopped), stopped, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 60_000)
+    kept = read_checkpoint(stopped)
+    assert kept is not None
+    assert 0 < kept.frame < 2499
+    without = [one for one in command(stopped) if one not in ("-m", str(square_model))]
+    assert_one_line(lookonce(*without, "--resume"), 1, "begun with other")
+    again = lookonce(*command(stopped), "--resume")
+    assert again.returncode == 0, again.stderr
+    for name in FILES:
+        assert (stopped / name).read_bytes() == (unbroken / name).read_bytes(), name
 
 
 SEEN = (180, 320)  # what the moving camera sees of a wall, height and width

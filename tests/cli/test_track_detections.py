@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from typer.testing import CliRunner, Result
 
 from lookonce.cli import tracking
 from lookonce.cli.app import app
-from lookonce.errors import ConfigError, FormatError
+from lookonce.errors import ConfigError, FormatError, ModelError
+from make.probing.labelled_squares import truth_lines
 
 pytestmark = pytest.mark.skipif(
     "detections" not in inspect.signature(tracking.track_command).parameters, reason="track has no --detections yet"
@@ -144,7 +146,91 @@ def test_what_cannot_work_is_one_line(square_clip: Path, tmp_path: Path, text, o
     assert not (tmp_path / "out").exists()
 
 
-def test_a_model_and_detections_together_are_wrong_usage(square_clip: Path, tmp_path: Path) -> None:
-    result = track(square_clip, "--detections", write(tmp_path), "-m", "street", "-o", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "not both" in result.stderr
+SQUARES = truth_lines(FRAMES)  # of the clip: three squares, each in its own row, a cell further each frame
+
+
+@pytest.fixture
+def square_boxes(tmp_path: Path) -> Path:
+    """The squares in the detector's place, in another order in every frame; in frame 3 also a box outside."""
+    lines = []
+    for number in range(1, FRAMES + 1):
+        boxes = [line.split(",")[2:6] for line in SQUARES if line.startswith(f"{number},")]
+        lines += [
+            f"{number},-1,{','.join(box)},0.{4 + row},{7 + row}" for row, box in enumerate(boxes[:: (-1) ** number])
+        ]
+    path = tmp_path / "boxes.txt"
+    path.write_text("\n".join([*lines, "3,-1,80,24,8,8,0.9,9"]) + "\n")
+    return path
+
+
+def test_a_model_beside_the_file_describes_its_boxes(square_clip: Path, square_model: Path, square_boxes, tmp_path):
+    """No square overlaps itself in the frame before: only appearance can tell which is which."""
+    command = (square_clip, "--detections", square_boxes, "-m", square_model, "--tracker", "paper")
+    result = track(*command, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "squares.onnx at the boxes of boxes.txt" in result.stdout
+    header, frames = read(tmp_path / "out")
+    assert boxes(frames) == [3, 3, 4, *[3] * (FRAMES - 3)]
+    rows_of: dict[int, set[float]] = {}
+    for frame in frames:
+        for t in frame["tracks"]:
+            rows_of.setdefault(t["id"], set()).add(t["xyxy"][1] if t["xyxy"][0] < 64 else "outside")
+    rows_of = {identity: rows for identity, rows in rows_of.items() if rows != {"outside"}}
+    assert sorted(map(sorted, rows_of.values())) == [[8], [24], [48]]
+    assert {t["name"] for t in frames[0]["tracks"]} == {"7", "8", "9"}  # the file's classes, not the model's
+    assert header["detections"]["file"] == "boxes.txt"
+    assert header["model"]["file"] == "squares.onnx"
+    assert len(header["model"]["sha256"]) == 64
+    assert header["model"]["descriptor"]["kind"] == "native"
+    assert header["settings"]["model"] == str(square_model)
+
+
+def test_boxes_and_scores_are_the_same_with_and_without_descriptors(
+    square_clip: Path, square_model: Path, square_boxes, tmp_path
+) -> None:
+    def found(*more: object) -> list[list[tuple]]:
+        out = tmp_path / f"out{len(more)}"
+        assert track(square_clip, "--detections", square_boxes, "-o", out, *more).exit_code == 0
+        return [[(t["xyxy"], t["score"]) for t in frame["tracks"]] for frame in read(out)[1]]
+
+    assert found("-m", square_model) == found()
+
+
+def test_any_number_of_threads_gives_the_same_bytes(square_clip: Path, square_boxes, tmp_path: Path) -> None:
+    for threads in (1, 2):
+        options = ("-m", "street", "--explain", "--threads", threads, "-o", tmp_path / str(threads))
+        assert track(square_clip, "--detections", square_boxes, *options).exit_code == 0
+    for file in ("tracks.txt", "tracks.jsonl", "explain.jsonl"):
+        assert (tmp_path / "1" / file).read_bytes() == (tmp_path / "2" / file).read_bytes()
+    story = (tmp_path / "1" / "explain.jsonl").read_text()
+    assert '"appearance"' in story
+
+
+@pytest.mark.parametrize(
+    ("options", "threshold"),
+    [pytest.param((), 1.0649, id="the-models"), pytest.param(("--match-threshold", 0.9), 0.9, id="given")],
+)
+def test_the_match_threshold_is_the_models_unless_given(
+    square_clip, square_boxes, tmp_path, options, threshold
+) -> None:
+    command = (square_clip, "--detections", square_boxes, "-m", "street", "--max-frames", 2, "-o", tmp_path / "out")
+    assert track(*command, *options).exit_code == 0
+    assert read(tmp_path / "out")[0]["settings"]["match_threshold"] == threshold
+
+
+def test_missing_packages_are_named_in_one_line(square_clip, square_boxes, tmp_path, monkeypatch) -> None:
+    monkeypatch.delitem(sys.modules, "lookonce.make.given_boxes", raising=False)
+    monkeypatch.delitem(sys.modules, "lookonce.make.export.reopen", raising=False)
+    monkeypatch.setitem(sys.modules, "onnx_ir", None)
+    result = track(square_clip, "--detections", square_boxes, "-m", "street", "-o", tmp_path / "out")
+    assert isinstance(result.exception, ConfigError)
+    assert "need onnx_ir, which is missing; pip install 'lookonce[train]'" in str(result.exception)
+    assert track(square_clip, "--detections", square_boxes, "-o", tmp_path / "out").exit_code == 0
+
+
+def test_a_model_without_descriptors_is_one_line(square_clip, square_boxes, tiny_model, tmp_path) -> None:
+    path = tiny_model("two-scales", descriptors=False).path
+    result = track(square_clip, "--detections", square_boxes, "-m", path, "-o", tmp_path / "out")
+    assert isinstance(result.exception, ModelError)
+    assert "has no descriptors; train some with 'lookonce fit'" in str(result.exception)
+    assert not (tmp_path / "out").exists()

@@ -20,6 +20,7 @@ def test_all_detections_are_read_with_identity_or_without(tmp_path: Path):
     header = TRACKS_HEADER | {
         "versions": {"lookonce": "1.2"},
         "model": {"file": "m.onnx", "sha256": "ab"},
+        "detections": {"file": "det.txt"},
         "settings": {"source": "a.mp4", "tracker": "paper", "score": 0.25, "fps": None},
     }
     path = write_lines(
@@ -43,6 +44,7 @@ def test_all_detections_are_read_with_identity_or_without(tmp_path: Path):
     assert (lines.times_s, lines.size, lines.source, lines.given_back) == ({3: 0.5}, (48, 64), "a.mp4", 1)
     assert lines.facts == {
         "source": "a.mp4",
+        "detections": "det.txt",
         "model": "m.onnx",
         "model SHA-256": "ab",
         "tracker": "paper",

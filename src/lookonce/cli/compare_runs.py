@@ -123,17 +123,22 @@ class Comparison:
         detect = sum(one.detect_s for one in scenes)
         return Speed(
             detect_s=detect / found,
-            describe_s=sum(one.describe_s for one in scenes) / found,
+            describe_s=sum(one.describe_s for one in scenes) / found if contender.uses_descriptors else 0.0,
             associate_s=sum(answer.seconds for answer in answers) / tracked,
             associate_cpu_s=sum(answer.cpu_s for answer in answers) / tracked,
-            is_one_look=contender.uses_descriptors and contender.name != CROPS and _are_described(self.scenes),
+            is_one_look=contender.uses_descriptors and contender.name != CROPS and _are_one_look(self.scenes),
             peak_mb=max((answer.peak_mb for answer in answers), default=0.0),
         )
 
 
 def _are_described(scenes: Sequence[Scene]) -> bool:
-    """Whether detections came with descriptors."""
+    """Whether detections have descriptors."""
     return any(scene.stored.sequence.descriptors is not None for scene in scenes)
+
+
+def _are_one_look(scenes: Sequence[Scene]) -> bool:
+    """Whether they came with them: nobody had to read them at the boxes of others."""
+    return _are_described(scenes) and not any(scene.stored.describe_s for scene in scenes)
 
 
 def _result(folder: Path, scene: Scene) -> Path:

@@ -11,9 +11,11 @@ from lookonce.cli.evaluated_truth import TrueSequence
 from lookonce.cli.stages import StageScreen
 from lookonce.compare.contenders.registry import PLAIN_SCORE
 from lookonce.compare.crops import CropDescriber, describe_crops
+from lookonce.compare.describing import BoxReader, describe_sequence, described_file
 from lookonce.compare.detecting import detect_sequence, detections_file
 from lookonce.compare.detection_files import find_detection_file, read_detection_file
 from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
+from lookonce.compare.detections import DetectedSequence
 from lookonce.datasets import usual_name
 from lookonce.errors import ConfigError
 from lookonce.model import Model
@@ -24,7 +26,7 @@ __all__ = ["DetectionSource", "Scene", "gather", "labels_of"]
 
 @dataclass(frozen=True, slots=True)
 class DetectionSource:
-    """Where detections come from: a model, or files that others have made.
+    """Where detections come from: a model, or files that others have made, which a model may describe.
 
     Attributes:
         model: finds them; None = they are in files.
@@ -34,6 +36,7 @@ class DetectionSource:
         fps: of folders of pictures and of files; None = as the sequence says.
         cache: the folder where detections are kept.
         crops_from: boxes below this score are not described by the second network.
+        describer: of the boxes in files; None = they have no descriptors.
     """
 
     model: Model | None
@@ -43,6 +46,7 @@ class DetectionSource:
     fps: float | None
     cache: Path
     crops_from: float = PLAIN_SCORE
+    describer: BoxReader | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,28 +89,46 @@ def gather(truth: Sequence[TrueSequence], source: DetectionSource, screen: Stage
         LookonceError: pictures or files are missing or wrong.
     """
     return [
-        _from_file(sequence, source, source.files) if source.files else _from_model(sequence, source, screen)
+        _from_file(sequence, source, source.files, screen) if source.files else _from_model(sequence, source, screen)
         for sequence in truth
     ]
 
 
-def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path) -> Scene:
-    """Detections of a text file, kept in the form that trackers' processes read."""
+def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path, screen: StageScreen) -> Scene:
+    """Detections of a text file, kept in the form that trackers' processes read; described where a model can."""
     text = find_detection_file(files, sequence.name)
     count = int(sequence.truth.frames[-1]) + 1 if len(sequence.truth.frames) else None
     found = read_detection_file(text, count, source.fps or sequence.fps)
+    if source.describer is not None:
+        return _described(sequence, source, source.describer, found, screen)
     path = source.cache / f"{sequence.name}-given.npz"
     write_detections(path, StoredDetections(found))
     return Scene(sequence, path, read_detections(path))
 
 
-def _from_model(sequence: TrueSequence, source: DetectionSource, screen: StageScreen) -> Scene:
-    assert source.model is not None
-    pictures, fps = sequence.pictures, source.fps or sequence.fps
+def _described(
+    sequence: TrueSequence, source: DetectionSource, reader: BoxReader, found: DetectedSequence, screen: StageScreen
+) -> Scene:
+    pictures, fps = _pictures(sequence, source)
+    path = described_file(source.cache, sequence.name, pictures, found, reader)
+
+    def report(done: int, total: int | None) -> None:
+        screen.stage(f"describe {sequence.name}", done, total, "frames")
+
+    return Scene(sequence, path, describe_sequence(path, found, pictures, reader, fps, report))
+
+
+def _pictures(sequence: TrueSequence, source: DetectionSource) -> tuple[Path, float | None]:
+    """The pictures, and their frame rate where they have no clock of their own, as a video has."""
+    pictures = sequence.pictures
     if not os.path.exists(pictures):
         raise ConfigError(f"{one_line(pictures)}: no pictures to look at; put them there, or name --frames")
-    if pictures.is_file():
-        fps = None  # a video has its own clock
+    return pictures, None if pictures.is_file() else source.fps or sequence.fps
+
+
+def _from_model(sequence: TrueSequence, source: DetectionSource, screen: StageScreen) -> Scene:
+    assert source.model is not None
+    pictures, fps = _pictures(sequence, source)
     path = detections_file(source.cache, sequence.name, pictures, source.model, fps)
 
     def report(stage: str, done: int, total: int | None) -> None:

@@ -31,6 +31,8 @@ from lookonce.cli.evaluated_truth import BENCHMARKS, TrueSequence, open_truth
 from lookonce.cli.evaluation_files import check_output, write_text
 from lookonce.cli.figures import Column, choose_columns
 from lookonce.cli.stages import StageScreen
+from lookonce.cli.track_detections import open_describer
+from lookonce.cli.track_run import SHIPPED_MODEL
 from lookonce.compare.contenders.registry import Contender, contenders
 from lookonce.compare.crops import CropDescriber
 from lookonce.compare.running import TrackerProcess
@@ -49,9 +51,11 @@ _EXAMPLES = """
 
   lookonce compare --truth MOT17-02/ -m model+id.onnx --every 1,2,4,8
 
-  On published detections; trackers that need descriptors are left out:
+  On published detections; trackers that need descriptors are left out, or get those of a model at the boxes:
 
   lookonce compare --truth MOT17-02/ --detections MOT17-02/det/det.txt
+
+  lookonce compare --truth MOT17-02/ --detections MOT17-02/det/det.txt -m street
 
   Some trackers only, and a second network on cut-out boxes:
 
@@ -74,7 +78,15 @@ _UaDetrac = Annotated[
     typer.Option("--ua-detrac", help="UA-DETRAC's folders: the whole of its protocol.", show_default=False),
 ]
 _Part = Annotated[str, typer.Option(help="With --ua-detrac: test or train.")]
-_ModelFile = Annotated[str, typer.Option("-m", "--model", help="Model file or name, for the detections.")]
+_ModelFile = Annotated[
+    str | None,
+    typer.Option(
+        "-m",
+        "--model",
+        help="Model file or name, for the detections; with --detections for descriptors at their boxes.",
+        show_default=f"{SHIPPED_MODEL}; --detections: none",
+    ),
+]
 _Detections = Annotated[
     Path | None, typer.Option(help="Detections of others: a file, or a folder with one a sequence.", show_default=False)
 ]
@@ -122,7 +134,7 @@ def compare_command(
     truth: _Truth = None,
     ua_detrac: _UaDetrac = None,
     part: _Part = "test",
-    model: _ModelFile = "street",
+    model: _ModelFile = None,
     detections: _Detections = None,
     frames: _Frames = None,
     crops: _Crops = None,
@@ -234,7 +246,7 @@ def _annotations(root: Path | None, part: str) -> Path:
 
 
 def _source(
-    model: str,
+    model: str | None,
     detections: Path | None,
     crops: Path | None,
     classes: str,
@@ -251,8 +263,9 @@ def _source(
             raise ConfigError("--crops and --classes go with a model's detections; files have neither")
         if not detections.exists():
             raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
-        return DetectionSource(None, detections, None, (), fps, cache)
-    detector = Model(model, provider=provider, threads=threads, score_threshold=settings.score)
+        reader = None if model is None else open_describer(model, provider, threads)
+        return DetectionSource(None, detections, None, (), fps, cache, describer=reader)
+    detector = Model(model or SHIPPED_MODEL, provider=provider, threads=threads, score_threshold=settings.score)
     describer = CropDescriber(crops, threads) if crops is not None else None
     return DetectionSource(detector, None, describer, labels_of(detector, names), fps, cache)
 
@@ -260,20 +273,24 @@ def _source(
 def _about(settings: _Settings, source: DetectionSource, sequences: Sequence[TrueSequence]) -> dict[str, object]:
     chosen = [one for name, one in contenders().items() if name in settings.trackers and one.version]
     packages = {one.package: one.version for one in chosen}
-    given: dict[str, object] = {"detections": one_line(source.files)} if source.files else {}
-    if source.model is not None:
-        given = {
-            "model": source.model.path.name,
-            "model_sha256": source.model.sha256,
-            "classes": [source.model.names[label] for label in source.labels],
-        }
     return {
         "protocol": settings.protocol,
         "sequences": [one.name for one in sequences],
         "score": settings.score,
-        **given,
+        **_given(source),
         **where_made(packages),
     }
+
+
+def _given(source: DetectionSource) -> dict[str, object]:
+    """Where detections and descriptors come from."""
+    given: dict[str, object] = {"detections": one_line(source.files)} if source.files else {}
+    looking = source.model or source.describer
+    if looking is not None:
+        given |= {"model": one_line(looking.path.name), "model_sha256": looking.sha256}
+    if source.model is not None:
+        given["classes"] = [source.model.names[label] for label in source.labels]
+    return given
 
 
 def _run(
@@ -308,8 +325,9 @@ def about_names(sequences: Sequence[TrueSequence]) -> list[str]:
 
 
 def _detections_in_words(about: About) -> str:
-    if "model" not in about:
-        return f"detections of {about['detections']}"
+    if "detections" in about:
+        read = f", descriptors of {about['model']} at their boxes" if "model" in about else ""
+        return f"detections of {about['detections']}{read}"
     classes = about["classes"]
     only = f", classes {', '.join(classes)}" if isinstance(classes, list) and classes else ""
     return f"detections of {about['model']} from score {about['score']}{only}"

@@ -23,8 +23,9 @@ _LINE_EVERY_S = 30.0
 class RunScreen:
     """One run: progress on stderr, the closing table on stdout."""
 
-    def __init__(self, video: VideoSource, times: StageTimes) -> None:
+    def __init__(self, video: VideoSource, times: StageTimes, described: str = "") -> None:
         self.video = video
+        self.described = described  # where descriptors come from, if not with the boxes
         self.times = times
         self.identities = 0
         self.seconds = 0.0
@@ -80,6 +81,8 @@ class RunScreen:
                 side_by_side = self.times.workers if stage == "detect" else 1
                 note = f", {side_by_side} at once" if side_by_side > 1 else ""
                 table.add_row(stage, f"{side_by_side / each:.1f} fps ({each * 1000:.2f} ms a frame{note})")
+        if self.described:
+            table.add_row("descriptors", Text(self.described))
         table.add_row("identities", str(self.identities))
         for path in files:
             table.add_row("written", Text(str(path)))

@@ -1,18 +1,83 @@
-"""Detections from a file instead of a model, for `lookonce track --detections`."""
+"""Detections from a file, for `lookonce track --detections`; with a model, its descriptors are read at their boxes."""
 
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from lookonce.datasets.detections import DetectionFile, read_detections
 from lookonce.errors import ConfigError
+from lookonce.letterbox import Fit
+from lookonce.structures import Detections
 from lookonce.tracking import PaperConfig, Tracker, TrackerConfig
+from lookonce.video import Frame
 from lookonce.video.opening import one_line
 
-__all__ = ["open_detections", "tracker_without_descriptors", "warn_of_other_frames"]
+if TYPE_CHECKING:
+    from lookonce.make.given_boxes import BoxDescriber
+
+__all__ = [
+    "DescribedFile",
+    "open_describer",
+    "open_detections",
+    "tracker_without_descriptors",
+    "warn_of_other_frames",
+]
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedFile:
+    """The detections of a file, with the descriptors of a model at their boxes.
+
+    Attributes:
+        file: the detections; classes are its own.
+        describer: reads the descriptors.
+    """
+
+    file: DetectionFile
+    describer: BoxDescriber
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Class names, by label."""
+        return self.file.names
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The network's input (height, width) in px."""
+        return self.describer.size
+
+    def detect(self, frame: Frame) -> Detections:
+        """The detections of a frame of the video that the file belongs to."""
+        found = self.file.detect(frame)
+        return replace(found, descriptors=self.describer(frame, found.xyxy))
+
+    def look(self, frame: Frame, canvas: NDArray[np.uint8], placed: Fit) -> Detections:
+        """The same, in the frame's letterboxed picture."""
+        found = self.file.detect(frame)
+        return replace(found, descriptors=self.describer.read(canvas, placed, found.xyxy))
+
+
+def open_describer(model: str, provider: str, threads: int | None) -> BoxDescriber:
+    """What reads a model's descriptors at boxes of others.
+
+    Raises:
+        ConfigError: the packages for it are missing.
+        ModelError: the model file is missing, damaged, or has no descriptors.
+    """
+    try:
+        from lookonce.make.given_boxes import BoxDescriber
+    except ModuleNotFoundError as exc:
+        remedy = "pip install 'lookonce[train]', of which onnx and onnx-ir are enough"
+        raise ConfigError(f"a model's descriptors at given boxes need {exc.name}, which is missing; {remedy}") from exc
+    return BoxDescriber(model, provider=provider, threads=threads)
 
 
 def open_detections(path: Path, score: float | None) -> DetectionFile:
@@ -40,12 +105,11 @@ def tracker_without_descriptors(
         ConfigError: it cannot do without descriptors.
     """
     if isinstance(config, PaperConfig):
-        message = "has no descriptors, which tracker 'paper' needs; take --tracker default"
-        raise ConfigError(f"{one_line(path)}: {message}")
+        message = "has no descriptors, which tracker 'paper' needs; name a model that reads them with -m"
+        raise ConfigError(f"{one_line(path)}: {message}, or take --tracker default")
     if match_threshold is not None:
-        raise ConfigError(
-            f"{one_line(path)}: has no descriptors for --match-threshold to be held against; leave it out"
-        )
+        message = "has no descriptors for --match-threshold to be held against; name a model that reads them with -m"
+        raise ConfigError(f"{one_line(path)}: {message}, or leave it out")
     return Tracker(config, explain=explain)
 
 

@@ -9,10 +9,17 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lookonce import __version__
 from lookonce.cli.screen import RunScreen
-from lookonce.cli.track_detections import open_detections, tracker_without_descriptors, warn_of_other_frames
+from lookonce.cli.track_detections import (
+    DescribedFile,
+    open_describer,
+    open_detections,
+    tracker_without_descriptors,
+    warn_of_other_frames,
+)
 from lookonce.datasets.detections import DetectionFile
 from lookonce.errors import ConfigError
 from lookonce.model import Model
@@ -30,6 +37,10 @@ from lookonce.output import (
 from lookonce.pipeline import StageTimes, camera_for, detector_score, share_processors, track_video, tracker_for
 from lookonce.tracking import Tracker, TrackerConfig
 from lookonce.video import VideoSource, open_video, without_password
+from lookonce.video.opening import one_line
+
+if TYPE_CHECKING:
+    from lookonce.make.given_boxes import BoxDescriber
 
 __all__ = ["RunOptions", "TrackSettings", "run_tracking"]
 
@@ -41,7 +52,10 @@ _MOST_HEADER = 1 << 20  # bytes
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """All that the results of a run depend on, besides the files: kept in their header."""
+    """All that the results of a run depend on, besides the files: kept in their header.
+
+    With ``detections`` the objects are those of that file; a ``model`` beside it describes them.
+    """
 
     source: str
     model: str | None
@@ -123,7 +137,7 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
     with ExitStack() as stack:
         video = stack.enter_context(settings.open_video())
         detector, tracker, workers = _open_detector(settings, config, video, options)
-        labels = detector.labels_of(settings.classes)
+        labels = (detector.file if isinstance(detector, DescribedFile) else detector).labels_of(settings.classes)
         header = _header(detector, asdict(settings) | asdict(tracker.config))
         folder = options.output or Path("runs") / video.name
         start = _start(folder, options, header, video)
@@ -138,7 +152,7 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
         checkpoint = CheckpointSink(folder, states, lambda: _sizes(sinks))
         if not video.is_live:
             stack.enter_context(checkpoint)
-        screen, kept = RunScreen(video, StageTimes()), () if video.is_live else (checkpoint,)
+        screen, kept = RunScreen(video, StageTimes(), _described(detector)), () if video.is_live else (checkpoint,)
         screen.passed_over = start.after + 1 if start.after >= 0 else 0
         try:
             screen.follow(
@@ -158,19 +172,27 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
         finally:
             stack.close()  # results first, then the table
             screen.print_summary([sink.path for sink in sinks])
-        if isinstance(detector, DetectionFile):
-            warn_of_other_frames(detector, screen.last_index, settings.end_s is None and settings.max_frames is None)
+        file = detector.file if isinstance(detector, DescribedFile) else detector
+        if isinstance(file, DetectionFile):
+            warn_of_other_frames(file, screen.last_index, settings.end_s is None and settings.max_frames is None)
+
+
+_Found = Model | DetectionFile | DescribedFile
 
 
 def _open_detector(
     settings: TrackSettings, config: TrackerConfig, video: VideoSource, options: RunOptions
-) -> tuple[Model | DetectionFile, Tracker, int]:
+) -> tuple[_Found, Tracker, int]:
     """What finds the objects, what gives them identities, and how many frames are looked at at once."""
-    if settings.detections is not None:
-        path = Path(settings.detections)
+    path = None if settings.detections is None else Path(settings.detections)
+    if path is not None and settings.model is None:
         tracker = tracker_without_descriptors(path, config, settings.match_threshold, explain=options.explain)
         return open_detections(path, settings.score), tracker, 1
     per_inference, workers = share_processors(video.is_live, options.threads, settings.provider)
+    if path is not None and settings.model is not None:
+        describer = open_describer(settings.model, settings.provider, per_inference)
+        tracker = tracker_for(describer, config, settings.match_threshold, explain=options.explain)
+        return DescribedFile(open_detections(path, settings.score), describer), tracker, workers
     model = Model(
         settings.model or SHIPPED_MODEL,
         provider=settings.provider,
@@ -242,23 +264,38 @@ def _open_sinks(
     return sinks
 
 
-def _header(detector: Model | DetectionFile, settings: dict[str, object]) -> dict[str, object]:
+def _described(detector: _Found) -> str:
+    """Where the descriptors come from, if not with the boxes."""
+    if not isinstance(detector, DescribedFile):
+        return ""
+    return f"{one_line(detector.describer.path.name)} at the boxes of {one_line(detector.file.path.name)}"
+
+
+def _header(detector: _Found, settings: dict[str, object]) -> dict[str, object]:
     """What the first line of the JSON file says: enough to make the run again."""
     packages = ("numpy", "onnxruntime", "av")
-    about: dict[str, object] = {
-        "file": detector.path.name,
-        "sha256": detector.sha256,
-        "names": list(detector.names),
-    }
-    if isinstance(detector, Model):
-        descriptor = detector.metadata.descriptor
-        about["size"] = list(detector.size)
-        about["descriptor"] = asdict(descriptor) if descriptor else None
-    else:
-        about |= {"left_out": detector.left_out, "score_range": detector.score_range}
     return {
         "versions": {"lookonce": __version__, "python": platform.python_version()}
         | {package: version(package) for package in packages},
-        "model" if isinstance(detector, Model) else "detections": about,
+        **_about(detector),
         "settings": {**settings, "source": without_password(str(settings["source"]))},
     }
+
+
+def _about(detector: _Found) -> dict[str, object]:
+    """The files behind the results: ``model``, ``detections``, or both."""
+    if isinstance(detector, DescribedFile):
+        describer = detector.describer
+        model = {**_file(describer), "size": list(describer.size), "descriptor": asdict(describer.descriptor)}
+        return _about(detector.file) | {"model": {**model, "reads": "descriptors at the boxes of the detections"}}
+    about = {**_file(detector), "names": list(detector.names)}
+    if isinstance(detector, Model):
+        descriptor = detector.metadata.descriptor
+        return {
+            "model": {**about, "size": list(detector.size), "descriptor": asdict(descriptor) if descriptor else None}
+        }
+    return {"detections": {**about, "left_out": detector.left_out, "score_range": detector.score_range}}
+
+
+def _file(of: Model | DetectionFile | BoxDescriber) -> dict[str, object]:
+    return {"file": of.path.name, "sha256": of.sha256}

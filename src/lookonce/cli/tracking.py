@@ -30,6 +30,8 @@ _EXAMPLES = """
 
   lookonce track MOT17-02/img1 --detections MOT17-02/det/det.txt         (another detector's boxes, no model)
 
+  lookonce track MOT17-02/img1 --detections MOT17-02/det/det.txt -m street     (with street's descriptors at them)
+
   lookonce track 0 -m model.onnx                             (a camera; Ctrl-C ends it, results stay)
 
   lookonce track rtsp://user:password@camera/stream -m model.onnx --max-frames 1000
@@ -42,7 +44,10 @@ _Source = Annotated[
 _Model = Annotated[
     str | None,
     typer.Option(
-        "-m", "--model", help="Model file, or the name of one that ships with the package.", show_default=SHIPPED_MODEL
+        "-m",
+        "--model",
+        help="Model file, or the name of one that ships with the package. With --detections it describes their boxes.",
+        show_default=f"{SHIPPED_MODEL}; --detections: none",
     ),
 ]
 _Detections = Annotated[
@@ -50,7 +55,8 @@ _Detections = Annotated[
     typer.Option(
         "--detections",
         metavar="FILE",
-        help="Take boxes from this file instead of a model: MOT or UA-DETRAC text, or a tracks.jsonl.",
+        help="Take boxes from this file instead of a model: MOT or UA-DETRAC text, or a tracks.jsonl. "
+        "With -m, each is tracked with that model's descriptor.",
     ),
 ]
 _Tracker = Annotated[
@@ -111,8 +117,6 @@ def track_command(
     threads: _Threads = None,
 ) -> None:
     """Track the objects of a video: writes tracks.txt (MOT), tracks.jsonl and annotated.mp4."""
-    if model is not None and detections is not None:
-        raise typer.BadParameter("give a model or detections, not both", param_hint="--detections")
     if resume and overwrite:
         raise typer.BadParameter("give --resume or --overwrite, not both", param_hint="--resume")
     chosen = choose_tracker(tracker, changes or ())
@@ -120,7 +124,7 @@ def track_command(
         score = detector_score(chosen.config)
     settings = TrackSettings(
         source=source,
-        model=None if detections is not None else model or SHIPPED_MODEL,
+        model=model if detections is not None else model or SHIPPED_MODEL,
         detections=None if detections is None else str(detections),
         tracker=tracker,
         match_threshold=chosen.threshold(match_threshold),

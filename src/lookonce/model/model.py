@@ -21,11 +21,9 @@ from lookonce.model.metadata import METADATA_KEY, ModelMetadata
 from lookonce.model.onnx_file import read_metadata
 from lookonce.model.session import available_cpus, open_session, run_session
 from lookonce.models import find_model
-from lookonce.structures import Detections
+from lookonce.structures import Detections, has_unit_length
 
-__all__ = ["Model", "describe_model"]
-
-_UNIT_TOLERANCE = 1e-3
+__all__ = ["Model", "describe_model", "letterbox_image"]
 
 
 def describe_model(path: Path) -> ModelMetadata:
@@ -155,14 +153,7 @@ class Model:
         if not images:
             return []
         letterbox = Letterboxer(self.size)  # its tables belong to one thread, and cost little beside a network
-        letterboxed = []
-        for image in images:
-            if isinstance(image, Pictured):
-                letterboxed.append(letterbox(image.picture, image.rotation))
-            else:
-                _check_image(image)
-                letterboxed.append(letterbox(image))
-        canvases, fits = zip(*letterboxed, strict=True)
+        canvases, fits = zip(*(letterbox_image(letterbox, image) for image in images), strict=True)
         return self.run(np.stack(canvases), fits)
 
     def run(self, canvases: NDArray[np.uint8], fits: Sequence[Fit]) -> list[Detections]:
@@ -207,8 +198,7 @@ class Model:
         rows = is_finite & is_inside
         if descriptors is not None:
             descriptors = descriptors[rows]
-            squared = np.einsum("nd,nd->n", descriptors, descriptors)
-            descriptors[~(np.abs(squared - 1) <= _UNIT_TOLERANCE)] = 0  # a zero row says: no descriptor
+            descriptors[~has_unit_length(descriptors)] = 0  # a zero row says: no descriptor
         return Detections(xyxy[rows], scores[rows], labels[rows], descriptors)
 
     def _check_interface(self) -> None:
@@ -232,8 +222,16 @@ class Model:
             )
 
 
-def _check_image(image: object) -> None:
+def letterbox_image(letterbox: Letterboxer, image: NDArray[np.uint8] | Pictured) -> tuple[NDArray[np.uint8], Fit]:
+    """A picture, or a frame as its decoder gave it, as the network wants it, and where it lies there.
+
+    Raises:
+        ValueError: it is neither a frame nor (H, W, 3) uint8.
+    """
+    if isinstance(image, Pictured):
+        return letterbox(image.picture, image.rotation)
     if not isinstance(image, np.ndarray):
         raise ValueError(f"image: expected (H, W, 3) uint8 RGB or a frame, got {type(image).__name__}")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise ValueError(f"image: expected (H, W, 3) uint8 RGB with pixels, got {image.shape} {image.dtype}")
+    return letterbox(image)

@@ -143,6 +143,7 @@ def _facts(header: Record, settings: Record) -> dict[str, str]:
     model, versions = header.record("model"), header.record("versions")
     found = {
         "source": settings.text("source"),
+        "detections": header.record("detections").text("file"),
         "model": model.text("file"),
         "model SHA-256": model.text("sha256"),
         "tracker": settings.text("tracker"),

@@ -23,7 +23,8 @@ from lookonce.errors import ConfigError, OutputError
 from lookonce.make.crops.network import CropNetwork
 from lookonce.make.crops.reading import read_crops
 from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
-from lookonce.make.export.graph import GraphWriter, trace
+from lookonce.make.export.graph import GraphWriter
+from lookonce.make.export.tracing import trace
 from lookonce.make.training.batches import comparable
 from lookonce.make.training.config import FitConfig
 from lookonce.make.training.fit import FitData, Progress

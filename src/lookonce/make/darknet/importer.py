@@ -17,9 +17,10 @@ from lookonce.make.darknet.layers import DarknetConfig, Layer, Region, Shortcut,
 from lookonce.make.darknet.network import DarknetNetwork
 from lookonce.make.darknet.weights import read_weights
 from lookonce.make.export.detections import OutputScale, write_detections
-from lookonce.make.export.graph import GraphWriter, trace
+from lookonce.make.export.graph import GraphWriter
 from lookonce.make.export.model_file import declare_descriptors, declare_detections, save_model
 from lookonce.make.export.native import FeatureMap, write_native_descriptors
+from lookonce.make.export.tracing import trace
 from lookonce.model.metadata import DescriptorInfo, Feature, ModelMetadata, OutputGrid
 
 __all__ = ["import_darknet", "read_names", "write_detector"]
