@@ -105,8 +105,8 @@ def fake_rates(monkeypatch, rates: list[float]) -> None:
     """Makes validation say these error rates, one for each look; the looks before and after the training are real."""
     remaining, true = list(rates), loop.validate
 
-    def validate(objects, lifetimes):
-        found = true(objects, lifetimes)
+    def validate(objects, lifetimes, scenes):
+        found = true(objects, lifetimes, scenes)
         if validate.looks and remaining:
             found = replace(found, error_rate=remaining.pop(0))
         validate.looks += 1

@@ -185,7 +185,7 @@ def _validate(trainable: Trainable, readings: Readings, step: int, device: torch
         heights_px=height,
         widths_px=height,
     )
-    return validate(objects, readings.lifetime)
+    return validate(objects, readings.lifetime, readings.scene)
 
 
 def _describe(

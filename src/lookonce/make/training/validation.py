@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from lookonce.make.training.sources import coexist
 __all__ = ["Validation", "are_comparable", "check_comparable", "validate"]
 
 _ANY_GAP = 2**31 - 1
+_SIDE_BY_SIDE, _FAR_APART, _UNKNOWN = range(3)  # groups of pairs
+_ENOUGH = 100  # pairs of two objects that were seen side by side
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +37,23 @@ class Validation:
     pairs: int
 
 
-def validate(objects: DescribedObjects, lifetimes: NDArray[np.int64]) -> Validation:
+def validate(objects: DescribedObjects, lifetimes: NDArray[np.int64], scenes: NDArray[np.int64]) -> Validation:
     """Compare all pairs of different frames or views within each source of which it is known what they are.
+
+    Two objects are compared where they were seen side by side, in one light: that is what a tracker has to tell apart,
+    and where the threshold must hold. Of a source with hardly any such pairs all are.
 
     Args:
         objects: held-out rows; ``sequences`` are the sources.
         lifetimes: (identities, 2) by identity, see ``coexist``.
+        scenes: (identities,) by identity the scene that it was seen in.
 
     Raises:
         ConfigError: no source has pairs of both kinds.
     """
     rates, thresholds, pairs = [], [], 0
     for source in np.unique(objects.sequences):
-        found = _known_pairs(objects[objects.sequences == source], lifetimes)
+        found = _known_pairs(objects[objects.sequences == source], lifetimes, scenes)
         rate, threshold = equal_error_rate(found)
         if np.isfinite(rate):
             rates.append(rate)
@@ -85,12 +91,13 @@ def _too_few() -> ConfigError:
     )
 
 
-def _known_pairs(objects: DescribedObjects, lifetimes: NDArray[np.int64]) -> PairDistances:
-    """Pairs of one identity, and of two that are surely two objects."""
+def _known_pairs(objects: DescribedObjects, lifetimes: NDArray[np.int64], scenes: NDArray[np.int64]) -> PairDistances:
+    """Pairs of one identity, and of two that are surely two objects, of one scene where there are enough."""
 
-    def is_unknown(queries: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
+    def group_of(queries: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
         a, b = objects.identities[queries], objects.identities[others]
-        return (~coexist(lifetimes[a], lifetimes[b])).astype(np.int64)
+        group = np.where(scenes[a] == scenes[b], _SIDE_BY_SIDE, _FAR_APART)
+        return np.where(coexist(lifetimes[a], lifetimes[b]), group, _UNKNOWN)
 
-    known, _ = count_pairs(objects, 1, _ANY_GAP, is_unknown, group_count=2)
-    return known
+    near, far, _ = count_pairs(objects, 1, _ANY_GAP, group_of, group_count=3)
+    return near if near.impostor_count >= _ENOUGH else replace(near, impostor=near.impostor + far.impostor)
