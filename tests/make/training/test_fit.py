@@ -13,13 +13,14 @@ from PIL import Image
 from datasets.making import refusal
 from lookonce.datasets import open_sequences, open_stills
 from lookonce.errors import ConfigError, FormatError, ModelError
+from lookonce.make.darknet.importer import import_darknet
 from lookonce.make.training import readings as readings_module
 from lookonce.make.training.config import FitConfig
 from lookonce.make.training.fit import FitData, _sources
 from lookonce.model import Model, describe_model
 from lookonce.model.metadata import METADATA_KEY
 from make.training.scenes import Watcher, run_fit, write_labelled, write_resting_clip, write_stills
-from squares import picture
+from squares import picture, write_darknet
 
 CONFIG = FitConfig(steps=12, check_every=4, identities=16, views=2, collages=2, variants=1, sequence_frames=50)
 KINDS = ["compact", "paper"]
@@ -293,3 +294,34 @@ def test_names_that_no_model_file_may_hold_are_made_printable(square_model, data
     clip.write_bytes(data.videos[0].read_bytes())
     run(square_model, replace(data, videos=(clip,)), tmp_path / "out.onnx", replace(CONFIG, steps=1))
     assert "two\\nlines.mp4" in describe_model(tmp_path / "out.onnx").training["data"]
+
+
+@pytest.fixture(scope="module")
+def person_model(tmp_path_factory):
+    """A detector that calls its squares persons and boats."""
+    folder = tmp_path_factory.mktemp("persons")
+    cfg, weights, names = write_darknet(folder)
+    names.write_text("person\nboat\n")
+    import_darknet(cfg, weights, folder / "persons.onnx", names=names)
+    return folder / "persons.onnx"
+
+
+def test_a_detector_that_knows_persons_learns_from_rendered_ones_too(person_model, data, tmp_path):
+    """They are trained on, and the real ones judge."""
+    results = {}
+    for crowds in (0, 1):
+        output = tmp_path / f"{crowds}.onnx"
+        results[crowds] = run(person_model, data, output, replace(CONFIG, crowds=crowds))
+    assert results[1].identities > results[0].identities + 5
+    assert results[1].identities <= results[0].identities + 28
+    assert results[1].validation.identities == results[0].validation.identities
+    assert "crowds=1" in results[1].metadata.training["settings"]
+    again = run(person_model, data, tmp_path / "again.onnx", replace(CONFIG, crowds=1), threads=2)
+    assert again.metadata == results[1].metadata
+    assert (tmp_path / "again.onnx").read_bytes() == (tmp_path / "1.onnx").read_bytes()
+
+
+def test_rendered_identities_do_not_stand_in_for_real_ones(person_model, tmp_path):
+    lone = FitData(stills=(open_stills(write_stills(tmp_path / "one", (0,))),))
+    message = refusal(ConfigError, lambda: run(person_model, lone, tmp_path / "out.onnx"))
+    assert "give more data" in message
