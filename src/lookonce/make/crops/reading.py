@@ -89,4 +89,5 @@ def _joined(rows: Sequence[_Row], sources: Sequence[Source], first: NDArray[np.i
         scene=np.concatenate(scenes),
         held_out=np.concatenate([source.held_out for source in sources]),
         names=tuple(source.name for source in sources),
+        kinds=tuple(source.kind for source in sources),
     )

@@ -19,7 +19,7 @@ _IDENTITIES_A_SCENE = 16
 
 
 class BatchSampler:
-    """Draws batches: half of it scene by scene, sequences as often as stills, the rest any identities.
+    """Draws batches: half of it scene by scene, as much of each kind of source, the rest any identities.
 
     Objects that stand side by side in one light are the hard negatives, and what a tracker has to tell apart. A
     sequence has few identities in many frames: it is drawn several times for a batch, each time with other frames.
@@ -38,15 +38,17 @@ class BatchSampler:
         starts = np.flatnonzero(np.diff(readings.identity[order], prepend=-1))
         groups = [group for group in np.split(order, starts[1:]) if len(group) > 1] if len(order) else []
         self.groups: Sequence[NDArray[np.int64]] = groups  # rows of each identity that has two or more
-        self._scenes: list[list[list[list[int]]]] = []  # sequences, stills -> source -> scene -> numbers of groups
         by_source: dict[int, dict[int, list[int]]] = {}
         for number, group in enumerate(groups):
             row = group[0]
             scenes = by_source.setdefault(int(readings.source[row]), {})
             scenes.setdefault(int(readings.scene[readings.identity[row]]), []).append(number)
-        crowded = [[members for members in scenes.values() if len(members) > 1] for scenes in by_source.values()]
-        sequences, stills = [s for s in crowded if len(s) == 1], [s for s in crowded if len(s) > 1]
-        self._scenes = [sources for sources in (sequences, stills) if sources]
+        by_kind: dict[str, list[list[list[int]]]] = {}
+        for source, scenes in by_source.items():
+            crowded = [members for members in scenes.values() if len(members) > 1]
+            if crowded:
+                by_kind.setdefault(readings.kinds[source], []).append(crowded)
+        self._scenes = list(by_kind.values())  # kind -> source -> scene -> numbers of groups
 
     def __call__(self, step: int) -> NDArray[np.int64]:
         """Row numbers of one step's batch."""

@@ -47,6 +47,7 @@ class Readings:
         scene: (identities,) int64, numbered over all sources.
         held_out: (identities,) kept for validation.
         names: of the sources.
+        kinds: of the sources: ``sequence``, ``stills`` or ``rendered``.
     """
 
     values: Mapping[str, NDArray[Any]]
@@ -58,6 +59,7 @@ class Readings:
     scene: NDArray[np.int64]
     held_out: NDArray[np.bool_]
     names: tuple[str, ...]
+    kinds: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -177,6 +179,7 @@ def _load(files: Sequence[Path], sources: Sequence[Source], first_identity: NDAr
         scene=_numbered_scenes(sources),
         held_out=np.concatenate([source.held_out for source in sources]),
         names=tuple(source.name for source in sources),
+        kinds=tuple(source.kind for source in sources),
         **facts,
     )
 

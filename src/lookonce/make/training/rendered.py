@@ -51,8 +51,8 @@ class CrowdSource:
         backdrops: Sequence[Path],
         seed: Sequence[int],
     ) -> None:
-        self.name = name
-        self._kind, self._size, self._crowds = kind, size, crowds
+        self.name, self.kind = name, "rendered"
+        self._crowd_kind, self._size, self._crowds = kind, size, crowds
         self._backdrops, self._seed = backdrops, tuple(seed)
         self.scenes = np.repeat(np.arange(crowds, dtype=np.int64), kind.count)
         self.lifetimes = np.tile(np.array(ALWAYS, np.int64), (len(self.scenes), 1))
@@ -74,13 +74,13 @@ class CrowdSource:
         rng = np.random.default_rng([*self._seed, crowd, 1 + frame])
         seen = self._gather(crowd).picture(rng)
         view = View(maybe_jpeg(seen.image, rng), seen.xyxy, seen.visible)
-        count = self._kind.count
+        count = self._crowd_kind.count
         identities = crowd * count + np.arange(count, dtype=np.int64)
         return canvas_of_view(view, identities, np.full(count, frame), np.ones(count, bool), rng)
 
     def _gather_anew(self, crowd: int) -> Crowd:
         rng = np.random.default_rng([*self._seed, crowd, 0])
-        return Crowd.gather(self._kind, self._size, self._backdrop(rng), rng)
+        return Crowd.gather(self._crowd_kind, self._size, self._backdrop(rng), rng)
 
     def _backdrop(self, rng: Generator) -> Image.Image:
         if self._backdrops:

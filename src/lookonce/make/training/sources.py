@@ -74,6 +74,7 @@ class Source(Protocol):
 
     Attributes:
         name: for messages.
+        kind: ``sequence``, ``stills`` or ``rendered``; batches hold as much of each.
         task_count: how many tasks there are.
         row_count: about how many objects they show in all.
         lifetimes: by identity the first and last frame in which it exists, see ``coexist``.
@@ -84,6 +85,11 @@ class Source(Protocol):
     @property
     def name(self) -> str:
         """For messages."""
+        ...
+
+    @property
+    def kind(self) -> str:
+        """``sequence``, ``stills`` or ``rendered``."""
         ...
 
     @property
@@ -210,7 +216,7 @@ class SequenceSource:
         held_out: NDArray[np.bool_],
         seed: Sequence[int],
     ) -> None:
-        self.name = tracked.name
+        self.name, self.kind = tracked.name, "sequence"
         self.held_out = held_out
         self._tracked, self._size, self._seed = tracked, size, tuple(seed)
         present = np.unique(tracked.frames)

@@ -66,7 +66,7 @@ class StillsSource:
         held_out: float,
         seed: Sequence[int],
     ) -> None:
-        self.name = stills.name
+        self.name, self.kind = stills.name, "stills"
         self._stills, self._size, self._views, self._seed = stills, size, views, tuple(seed)
         rng = np.random.default_rng([*self._seed, 0])
         self._objects: list[_Object] = []
