@@ -104,7 +104,7 @@ def make_readings(
         scene=np.arange(identities) % sources,
         held_out=np.arange(identities) >= identities - held_out,
         names=tuple(f"source {n}" for n in range(sources)),
-        kinds=("sequence",) * sources,
+        kinds=("sequences",) * sources,
     )
 
 

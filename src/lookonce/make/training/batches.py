@@ -16,10 +16,11 @@ __all__ = ["BatchSampler", "comparable"]
 
 _FROM_SCENES = 0.5  # share of a batch that comes scene by scene: there the hard negatives are
 _IDENTITIES_A_SCENE = 16
+_RENDERED_WEIGHT = 2.0  # of a rendered kind of scenes, where a real one has 1: none has harder negatives
 
 
 class BatchSampler:
-    """Draws batches: half of it scene by scene, as much of each kind of source, the rest any identities.
+    """Draws batches: half of it scene by scene, kind by kind of sources, the rest any identities.
 
     Objects that stand side by side in one light are the hard negatives, and what a tracker has to tell apart. A
     sequence has few identities in many frames: it is drawn several times for a batch, each time with other frames.
@@ -49,13 +50,15 @@ class BatchSampler:
             if crowded:
                 by_kind.setdefault(readings.kinds[source], []).append(crowded)
         self._scenes = list(by_kind.values())  # kind -> source -> scene -> numbers of groups
+        weights = np.array([_RENDERED_WEIGHT if kind.startswith("rendered") else 1.0 for kind in by_kind])
+        self._shares = weights / weights.sum()
 
     def __call__(self, step: int) -> NDArray[np.int64]:
         """Row numbers of one step's batch."""
         rng = np.random.default_rng([self._seed, step])
         drawn: list[int] = []
         while self._scenes and len(drawn) < _FROM_SCENES * self._identities:
-            sources = self._scenes[rng.integers(len(self._scenes))]
+            sources = self._scenes[rng.choice(len(self._scenes), p=self._shares)]
             scenes = sources[rng.integers(len(sources))]
             drawn += self._some(scenes[rng.integers(len(scenes))], _IDENTITIES_A_SCENE, rng)
         times = Counter(drawn)

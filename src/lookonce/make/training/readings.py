@@ -47,7 +47,7 @@ class Readings:
         scene: (identities,) int64, numbered over all sources.
         held_out: (identities,) kept for validation.
         names: of the sources.
-        kinds: of the sources: ``sequence``, ``stills`` or ``rendered``.
+        kinds: of the sources, see ``Source``.
     """
 
     values: Mapping[str, NDArray[Any]]

@@ -51,7 +51,7 @@ class CrowdSource:
         backdrops: Sequence[Path],
         seed: Sequence[int],
     ) -> None:
-        self.name, self.kind = name, "rendered"
+        self.name = self.kind = name
         self._crowd_kind, self._size, self._crowds = kind, size, crowds
         self._backdrops, self._seed = backdrops, tuple(seed)
         self.scenes = np.repeat(np.arange(crowds, dtype=np.int64), kind.count)

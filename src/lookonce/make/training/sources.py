@@ -74,7 +74,8 @@ class Source(Protocol):
 
     Attributes:
         name: for messages.
-        kind: ``sequence``, ``stills`` or ``rendered``; batches hold as much of each.
+        kind: ``sequences``, ``stills``, ``rendered people`` or ``rendered vehicles``; a kind's part of the batches does
+            not depend on how many sources it has.
         task_count: how many tasks there are.
         row_count: about how many objects they show in all.
         lifetimes: by identity the first and last frame in which it exists, see ``coexist``.
@@ -89,7 +90,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """``sequence``, ``stills`` or ``rendered``."""
+        """``sequences``, ``stills``, ``rendered people`` or ``rendered vehicles``."""
         ...
 
     @property
@@ -216,7 +217,7 @@ class SequenceSource:
         held_out: NDArray[np.bool_],
         seed: Sequence[int],
     ) -> None:
-        self.name, self.kind = tracked.name, "sequence"
+        self.name, self.kind = tracked.name, "sequences"
         self.held_out = held_out
         self._tracked, self._size, self._seed = tracked, size, tuple(seed)
         present = np.unique(tracked.frames)
