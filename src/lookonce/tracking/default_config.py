@@ -59,7 +59,7 @@ class DefaultConfig:
     appearance_limit: float = 3.0
     low_score: float = 0.1
     birth_score: float = 0.2
-    high_score: float = 0.3
+    high_score: float = 0.4
     low_overlap: float = 0.3
     recent_s: float = 0.3
     safe_overlap: float = 0.5
@@ -73,8 +73,8 @@ class DefaultConfig:
     views: int = 4
     view_apart: float = 0.5
     view_interval_s: float = 0.25
-    clean_overlap: float = 0.25
-    hidden_overlap: float = 0.2
+    clean_overlap: float = 0.1
+    hidden_overlap: float = 0.1
     hidden_s: float = 3.0
     given_back_rows: int = 256
     frame_rate: float = 25.0

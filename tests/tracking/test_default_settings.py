@@ -1,0 +1,41 @@
+"""What the settings of the preset `default`, as they ship, keep and refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lookonce.structures import NO_ID, Detections
+from lookonce.tracking import Tracker
+from tracking.moving import STEP_S, ids_of, seen
+from tracking.scenes import at_angle
+
+ONE, OTHER = at_angle(0)[0], at_angle(90)[0]
+
+
+def _kept(frames: Sequence[Detections]) -> list[int]:
+    """How many descriptors each object has after the frames, in the order in which they were first seen."""
+    tracker = Tracker("default")
+    for number, frame in enumerate(frames):
+        tracker.update(frame, number * STEP_S)
+    return tracker._rule.looks.seen[tracker._rule.objects.slots].tolist()
+
+
+def test_descriptor_of_a_box_that_another_one_touches_is_not_kept():
+    """15 px beside each other boxes share a seventh: half of what was kept at a crossing was of the other person."""
+    apart, touching = (seen((100, 100), (100 + px, 100), looks=[ONE, OTHER]) for px in (18, 15))
+    assert _kept([apart] * 9) == [9, 9]
+    assert _kept([*[apart] * 5, *[touching] * 4]) == [5, 5]
+
+
+def test_descriptor_of_a_box_beside_a_hidden_object_is_not_kept():
+    both, one = seen((100, 100), (118, 100), looks=[ONE, OTHER]), seen((115, 100), looks=[OTHER])
+    assert _kept([*[both] * 5, *[one] * 4]) == [5, 5]
+
+
+def test_doubtful_box_does_not_continue_an_object_elsewhere():
+    """At 0.35 it may only be where the object is expected."""
+    before = [seen((100, 100), looks=[ONE])] * 5
+    nothing = [seen(looks=at_angle()[:0])] * 10
+    for score, expected in ((0.35, NO_ID), (0.45, 1)):
+        elsewhere = seen((121, 100), scores=score, looks=[ONE])
+        assert ids_of([*before, *nothing, elsewhere])[-1] == [expected]
