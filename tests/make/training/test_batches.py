@@ -69,14 +69,21 @@ def test_a_small_source_is_not_drowned_by_a_large_one():
 
 
 def test_kinds_of_scenes_have_their_part_however_many_sources_they_have():
-    """Of nine sequences, one set of stills and a rendered crowd the sequences together have as much as the stills."""
+    """Sequences together have as much as all the rest, and of that a rendered crowd has more than sets of stills."""
     readings = make_readings(220, sources=11, held_out=0)
-    readings = replace(readings, kinds=(*["sequences"] * 9, "stills", "rendered people"))
+    readings = replace(readings, kinds=(*["sequences"] * 5, *["stills"] * 5, "rendered people"))
     sampler = BatchSampler(readings, 66, 2, 0)
-    source = np.concatenate([readings.source[sampler(step)] for step in range(200)])
-    shares = np.bincount(source) / len(source)
-    assert shares[9] > 2 * shares[:9].max()
-    assert shares[10] > 1.3 * shares[9]
+    source = np.concatenate([readings.source[sampler(step)] for step in range(300)])
+    shares = np.bincount(source, minlength=11) / len(source)
+    sequences, stills, rendered = shares[:5].sum(), shares[5:10].sum(), shares[10]
+    assert sequences > 1.3 * stills
+    assert rendered > 2 * shares[5:10].max()
+
+
+@pytest.mark.parametrize("kinds", [("sequences",) * 2, ("rendered people",) * 2, ("stills", "clips")])
+def test_any_kinds_alone_are_drawn_whole(kinds):
+    sampler = BatchSampler(replace(make_readings(40, sources=2, held_out=0), kinds=kinds), 10, 2, 0)
+    assert len(np.unique(np.concatenate([sampler(step) for step in range(40)]))) > 100
 
 
 def test_batches_are_about_as_large_as_asked():

@@ -16,7 +16,8 @@ __all__ = ["BatchSampler", "comparable"]
 
 _FROM_SCENES = 0.5  # share of a batch that comes scene by scene: there the hard negatives are
 _IDENTITIES_A_SCENE = 16
-_RENDERED_WEIGHT = 2.0  # of a rendered kind of scenes, where a real one has 1: none has harder negatives
+# How often scenes of a kind are drawn; labelled sequences as often as all the others together.
+_WEIGHTS = {"clips": 1.0, "stills": 1.0, "rendered people": 2.0, "rendered vehicles": 2.0}
 
 
 class BatchSampler:
@@ -50,7 +51,8 @@ class BatchSampler:
             if crowded:
                 by_kind.setdefault(readings.kinds[source], []).append(crowded)
         self._scenes = list(by_kind.values())  # kind -> source -> scene -> numbers of groups
-        weights = np.array([_RENDERED_WEIGHT if kind.startswith("rendered") else 1.0 for kind in by_kind])
+        others = sum(_WEIGHTS.get(kind, 0.0) for kind in by_kind)
+        weights = np.array([_WEIGHTS.get(kind, others or 1.0) for kind in by_kind])
         self._shares = weights / weights.sum()
 
     def __call__(self, step: int) -> NDArray[np.int64]:

@@ -74,8 +74,8 @@ class Source(Protocol):
 
     Attributes:
         name: for messages.
-        kind: ``sequences``, ``stills``, ``rendered people`` or ``rendered vehicles``; a kind's part of the batches does
-            not depend on how many sources it has.
+        kind: ``sequences``, ``clips``, ``stills``, ``rendered people`` or ``rendered vehicles``; a kind's part of the
+            batches does not depend on how many sources it has.
         task_count: how many tasks there are.
         row_count: about how many objects they show in all.
         lifetimes: by identity the first and last frame in which it exists, see ``coexist``.
@@ -90,7 +90,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """``sequences``, ``stills``, ``rendered people`` or ``rendered vehicles``."""
+        """``sequences``, ``clips``, ``stills``, ``rendered people`` or ``rendered vehicles``."""
         ...
 
     @property
@@ -217,7 +217,7 @@ class SequenceSource:
         held_out: NDArray[np.bool_],
         seed: Sequence[int],
     ) -> None:
-        self.name, self.kind = tracked.name, "sequences"
+        self.name, self.kind = tracked.name, "sequences" if tracked.is_complete else "clips"
         self.held_out = held_out
         self._tracked, self._size, self._seed = tracked, size, tuple(seed)
         present = np.unique(tracked.frames)
