@@ -119,12 +119,7 @@ def fit(
     kind = kind_of(config.kind, metadata)
     target = _device(device)
     threads = threads or available_cpus()
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", module=r"PIL\.")  # of pictures that are large, and of damaged EXIF
-        sources = _sources(model, metadata, data, config, threads, progress)
-        _refuse_too_few([len(source.held_out) for source in sources], sources)
-        check_comparable([source.lifetimes[source.held_out] for source in sources])
-        readings = _read(model, kind, sources, _crowds(metadata, data, config), config, folder, threads, progress)
+    readings = _gather(model, metadata, data, kind, config, folder, threads, progress)
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -135,6 +130,25 @@ def fit(
     trained = _write(model, output, metadata, kind, head, _about(config, data, readings, validation), validation)
     identities = int((~readings.held_out[np.unique(readings.identity)]).sum())
     return FitResult(trained, validation, history, len(readings), identities)
+
+
+def _gather(
+    model: Path,
+    metadata: ModelMetadata,
+    data: FitData,
+    kind: Kind,
+    config: FitConfig,
+    folder: Path,
+    threads: int,
+    progress: Progress,
+) -> Readings:
+    """All that training sees. The sources with what they keep in memory, and the detector, are gone afterwards."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"PIL\.")  # of pictures that are large, and of damaged EXIF
+        sources = _sources(model, metadata, data, config, threads, progress)
+        _refuse_too_few([len(source.held_out) for source in sources], sources)
+        check_comparable([source.lifetimes[source.held_out] for source in sources])
+        return _read(model, kind, sources, _crowds(metadata, data, config), config, folder, threads, progress)
 
 
 def _train(

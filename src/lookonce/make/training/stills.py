@@ -124,6 +124,8 @@ class StillsSource:
             yield from (partial(self._view, index, number) for number in range(self._views))
         for number, part in enumerate(self._collages):
             yield partial(self._collage, number, part)
+        self._cut.clear()  # the next set of stills needs the room; what is still to be drawn is cut out again
+        self._cut_bytes = 0
 
     def _view(self, index: int, number: int) -> Canvas:
         rng = np.random.default_rng([*self._seed, 2, index, number])
