@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 from lookonce.cli import tracking
 from lookonce.cli.app import app
 from lookonce.errors import ConfigError, FormatError, ModelError
+from lookonce.model import Model
 from make.probing.labelled_squares import truth_lines
 
 pytestmark = pytest.mark.skipif(
@@ -206,16 +207,14 @@ def test_any_number_of_threads_gives_the_same_bytes(square_clip: Path, square_bo
     assert '"appearance"' in story
 
 
-@pytest.mark.parametrize(
-    ("options", "threshold"),
-    [pytest.param((), 1.0649, id="the-models"), pytest.param(("--match-threshold", 0.9), 0.9, id="given")],
-)
-def test_the_match_threshold_is_the_models_unless_given(
-    square_clip, square_boxes, tmp_path, options, threshold
-) -> None:
+@pytest.mark.parametrize("given", [None, 0.9], ids=["the models", "given"])
+def test_the_match_threshold_is_the_models_unless_given(square_clip, square_boxes, tmp_path, given) -> None:
+    options = () if given is None else ("--match-threshold", given)
     command = (square_clip, "--detections", square_boxes, "-m", "street", "--max-frames", 2, "-o", tmp_path / "out")
     assert track(*command, *options).exit_code == 0
-    assert read(tmp_path / "out")[0]["settings"]["match_threshold"] == threshold
+    info = Model("street").metadata.descriptor
+    assert info is not None
+    assert read(tmp_path / "out")[0]["settings"]["match_threshold"] == (given or info.match_threshold)
 
 
 def test_missing_packages_are_named_in_one_line(square_clip, square_boxes, tmp_path, monkeypatch) -> None:
