@@ -55,8 +55,8 @@ class DefaultConfig:
 
     appearance: bool = True
     match_threshold: float = 0.7
-    appearance_weight: float = 5.0
-    appearance_limit: float = 3.0
+    appearance_weight: float = 7.0
+    appearance_limit: float = 4.0
     low_score: float = 0.1
     birth_score: float = 0.2
     high_score: float = 0.4
