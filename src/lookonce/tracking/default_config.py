@@ -18,8 +18,8 @@ _MOST_VIEWS = 32  # each takes a kilobyte of every object at 128 values
 class DefaultConfig:
     """Settings of the preset ``default``; the preset ``iou`` is nearly the same, with ``appearance`` off.
 
-    Found on PETS09-S2L1 and a highway clip at one to eight frames' distance, where wide ranges of each give nearly the
-    same (`docs/log.md`). "box" is the height of an object's box.
+    One set for all scenes, found on PETS09-S2L1, a highway clip and rendered scenes at one to eight frames' distance;
+    wide ranges of each give nearly the same (`docs/log.md`). "box" is the height of an object's box.
 
     Attributes:
         appearance: whether descriptors are used.
