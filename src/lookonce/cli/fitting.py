@@ -77,12 +77,12 @@ def fit_command(
     tensorboard: Annotated[bool, typer.Option("--tensorboard", help="Write TensorBoard logs too.")] = False,
     kind: Annotated[str | None, _setting("compact, or paper (as published).")] = None,
     seed: Annotated[int | None, _setting("Of every random choice [0].")] = None,
-    steps: Annotated[int | None, _setting("Optimizer steps at most [600].")] = None,
+    steps: Annotated[int | None, _setting("Optimizer steps at most [1200].")] = None,
     views: Annotated[int | None, _setting("Transformed views of each still [2].")] = None,
     collages: Annotated[int | None, _setting("Collages each object of a still is put into [4].")] = None,
     variants: Annotated[int | None, _setting("Identities made of each object by other colours [1].")] = None,
     crowds: Annotated[
-        int | None, _setting("Rendered crowds of people, and of vehicles, to learn from too [120].")
+        int | None, _setting("Rendered crowds of 28 people to learn from too, for a detector of people [120].")
     ] = None,
     sequence_frames: Annotated[int | None, _setting("Frames taken of a sequence or video at most [300].")] = None,
     score: Annotated[float | None, _setting("Least confidence of detections that stand in for labels [0.4].")] = None,
@@ -92,7 +92,7 @@ def fit_command(
     learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.003].")] = None,
     weight_decay: Annotated[float | None, _setting("Of AdamW [0.001].")] = None,
     temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
-    check_every: Annotated[int | None, _setting("Steps between two looks at validation [100].")] = None,
+    check_every: Annotated[int | None, _setting("Steps between two looks at validation [200].")] = None,
     patience: Annotated[int | None, _setting("Looks without progress before it stops [5].")] = None,
     cache_gb: Annotated[float | None, _setting("Disk and memory for features, 10^9 bytes [1].")] = None,
 ) -> None:

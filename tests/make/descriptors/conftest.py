@@ -86,9 +86,9 @@ def run_head(run_graph):
 def describe():
     """``describe(features, grids)`` of features (name, channels, stride), grids (stride, anchors, near, early)."""
 
-    def make(features, grids, size=(64, 96)):
+    def make(features, grids, size=(64, 96), names=("thing",)):
         outputs = [OutputGrid(stride, tuple(anchors), near, early) for stride, anchors, near, early in grids]
-        return ModelMetadata(("thing",), size, tuple(outputs), features=tuple(Feature(*f) for f in features))
+        return ModelMetadata(names, size, tuple(outputs), features=tuple(Feature(*f) for f in features))
 
     return make
 

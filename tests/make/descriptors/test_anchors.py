@@ -7,7 +7,7 @@ import pytest
 
 from lookonce.make.descriptors.anchors import rows_of_boxes
 
-FIELDS = {"image_index", "boxes", "scores", "labels", "scale", "cell", "anchor"}
+FIELDS = {"image_index", "boxes", "scores", "scale", "cell", "anchor"}
 
 
 @pytest.fixture(scope="module")

@@ -24,15 +24,22 @@ BOXES = np.array(
 )
 
 
+FEATURES = [("s4", 5, 4), ("s4 wide", 9, 4), ("s8", 6, 8), ("s16", 7, 16), ("s16 near", 3, 16)]
+GRIDS = [(16, ANCHORS, "s16 near", "s16")]
+
+
 @pytest.fixture(scope="module")
 def metadata(describe):
-    return describe(
-        [("s4", 5, 4), ("s4 wide", 9, 4), ("s8", 6, 8), ("s16", 7, 16), ("s16 near", 3, 16)],
-        [(16, ANCHORS, "s16 near", "s16")],
-    )
+    return describe(FEATURES, GRIDS)
 
 
-def _rows(boxes, image_index=None):
+@pytest.fixture(scope="module")
+def street_metadata(describe):
+    """Of a detector that knows people and others."""
+    return describe(FEATURES, GRIDS, names=("car", "person", "bus"))
+
+
+def _rows(boxes, image_index=None, labels=None):
     count = len(boxes)
     whole = np.zeros(count, np.int64)
     image_index = whole if image_index is None else np.asarray(image_index, np.int64)
@@ -40,7 +47,7 @@ def _rows(boxes, image_index=None):
         "image_index": image_index,
         "boxes": boxes,
         "scores": np.ones(count, np.float32),
-        "labels": whole,
+        "labels": whole if labels is None else np.asarray(labels, np.int64),
         "scale": whole,
         "cell": whole,
         "anchor": whole,
@@ -99,8 +106,8 @@ def _many_boxes(count=40):
 
 def _graph_and_pytorch(kind, head, rows, maps, run_reading, run_head):
     """Descriptors by the graph that goes into the model file, and by the module on what training sees."""
-    reading = torch.from_numpy(run_reading(kind, rows, maps)["points"])
-    return run_head(head, rows, maps), head(reading).numpy()
+    reading = {name: torch.from_numpy(values) for name, values in run_reading(kind, rows, maps).items()}
+    return run_head(head, rows, maps), head(**reading).numpy()
 
 
 @torch.no_grad()
@@ -162,7 +169,8 @@ def test_no_detections_give_no_rows(metadata, random_maps, run_reading, run_head
     reading = run_reading(kind, rows, maps)
     assert reading["points"].shape == (0, 32, 18)
     assert run_head(random_head(kind), rows, maps).shape == (0, 128)
-    assert random_head(kind)(torch.from_numpy(reading["points"])).shape == (0, 128)
+    read = {name: torch.from_numpy(values) for name, values in reading.items()}
+    assert random_head(kind)(**read).shape == (0, 128)
 
 
 @torch.no_grad()
@@ -179,9 +187,59 @@ def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head, rand
     assert np.linalg.norm(found[:, None] - found, axis=2)[~np.eye(len(found), dtype=bool)].min() > 1e-3
 
 
+@pytest.mark.parametrize(
+    ("names", "groups"),
+    [
+        pytest.param(("person", "bicycle", "car"), (1, 0, 0), id="both"),
+        pytest.param(("Pedestrian", "PEOPLE", "car"), (1, 1, 0), id="any-letters"),
+        pytest.param(("car", "bus"), (0, 0), id="no-people"),
+        pytest.param(("person", "people"), (0, 0), id="only-people"),
+    ],
+)
+def test_people_have_a_network_of_their_own_beside_others(describe, names, groups, random_head):
+    kind = CompactKind.of(describe(FEATURES, GRIDS, names=names))
+    assert kind.groups == groups
+    assert len(random_head(kind).networks) == 1 + max(groups)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(
+    "labels",
+    [
+        pytest.param(np.arange(40) * 7 % 3, id="mixed"),
+        pytest.param(np.full(40, 1), id="people-only"),
+        pytest.param(np.full(40, 2), id="no-people"),
+    ],
+)
+def test_each_row_is_read_by_the_network_of_its_class(
+    street_metadata, random_maps, run_reading, run_head, random_head, labels
+):
+    kind = CompactKind.of(street_metadata)
+    head, maps = random_head(kind), random_maps(street_metadata, batch=3)
+    rows = _rows(_many_boxes(), np.arange(40) % 3, labels)
+    found, by_pytorch = _graph_and_pytorch(kind, head, rows, maps, run_reading, run_head)
+    np.testing.assert_allclose(found, by_pytorch, atol=1e-5)
+    points = torch.from_numpy(run_reading(kind, rows, maps)["points"])
+    others, people = (head.describe_by(number, points).numpy() for number in (0, 1))
+    np.testing.assert_allclose(found, np.where((labels == 1)[:, None], people, others), atol=1e-5)
+    assert np.linalg.norm(people - others, axis=1).min() > 0.1
+
+
+@pytest.mark.parametrize("label", [0, 1])
+def test_no_detections_of_two_networks_give_no_rows(street_metadata, random_maps, run_head, random_head, label):
+    """Of neither, then of one of them."""
+    head, maps = random_head(CompactKind.of(street_metadata)), random_maps(street_metadata)
+    assert run_head(head, _rows(BOXES[:0]), maps).shape == (0, 128)
+    assert run_head(head, _rows(BOXES[:1], labels=[label]), maps).shape == (1, 128)
+
+
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(metadata, random_maps, run_head, threads, random_head):
-    head, maps, rows = random_head(CompactKind.of(metadata)), random_maps(metadata), _rows(_many_boxes())
+@pytest.mark.parametrize("labels", [np.zeros(40), np.arange(40) % 2], ids=["one-network", "two-networks"])
+def test_a_row_is_the_same_to_the_byte_whatever_is_beside_it(
+    street_metadata, random_maps, run_head, threads, random_head, labels
+):
+    head, maps = random_head(CompactKind.of(street_metadata)), random_maps(street_metadata)
+    rows = _rows(_many_boxes(), labels=labels)
     together = run_head(head, rows, maps, threads)
     for some in (slice(0, 1), slice(3, 5), slice(7, 30), slice(39, 40)):
         alone = run_head(head, {name: values[some] for name, values in rows.items()}, maps, threads)
@@ -202,7 +260,7 @@ def test_reading_of_a_picture_is_the_same_to_the_byte_in_a_batch(metadata, rando
 def test_channels_that_never_change_are_harmless(metadata, points):
     kind = CompactKind.of(metadata)
     head = CompactHead(kind, np.zeros(18, np.float32), np.zeros(18, np.float32))
-    assert torch.isfinite(head(torch.from_numpy(points))).all()
+    assert torch.isfinite(head(torch.from_numpy(points), torch.zeros(len(points), dtype=torch.int64))).all()
 
 
 def test_loss_falls_on_8_identities(metadata, random_head):
@@ -217,8 +275,8 @@ def test_loss_falls_on_8_identities(metadata, random_head):
     is_self = torch.eye(64, dtype=torch.bool)
     is_same = (identity[:, None] == identity) & ~is_self
     losses = []
-    for _ in range(30):
-        descriptors = head(points)
+    for _ in range(40):
+        descriptors = head.describe_by(0, points)
         similarity = (descriptors @ descriptors.T / 0.1).masked_fill(is_self, -torch.inf)
         loss = -similarity.log_softmax(dim=1)[is_same].mean()
         optimizer.zero_grad()

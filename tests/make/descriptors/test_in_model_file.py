@@ -52,7 +52,7 @@ def test_descriptors_equal_pytorch(made, pictures):
     rows = {name: outputs[f"{NAME_PREFIX}{name}"] for name in FIELDS}
     assert set(rows["scale"]) == set(rows["anchor"]) == {0, 1}
     reading = RowReader(source, kind.write_reading)(pictures, rows)
-    expected = nn.functional.normalize(head(*(torch.from_numpy(values) for values in reading.values())))
+    expected = nn.functional.normalize(head(**{name: torch.from_numpy(values) for name, values in reading.items()}))
     assert outputs["descriptors"].shape == (len(rows["scale"]), 128)
     np.testing.assert_allclose(outputs["descriptors"], expected.numpy(), atol=1e-5)
 

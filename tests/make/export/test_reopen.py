@@ -130,6 +130,33 @@ def test_given_rows_can_be_read_as_they_are(model, pictures):
     np.testing.assert_array_equal(read["corners"], rows["boxes"])
 
 
+def test_given_rows_have_the_class_that_the_detector_sees_there(model, pictures):
+    """Every anchor of every cell, against the maps of PyTorch."""
+    metadata = describe_model(model.path)
+    grids = [
+        np.indices((3, len(grid.anchors_px), *(n // grid.stride_px for n in metadata.size)))
+        for grid in metadata.outputs
+    ]
+    rows = {
+        name: np.concatenate([values(grid).ravel() for grid in grids])
+        for name, values in {
+            "image_index": lambda grid: grid[0],
+            "anchor": lambda grid: grid[1],
+            "cell": lambda grid: grid[2] * grid.shape[-1] + grid[3],
+        }.items()
+    }
+    rows["scale"] = np.repeat(np.arange(len(grids)), [grid[0].size for grid in grids])
+    read = RowReader(model.path, lambda g, rows, features: {"labels": rows.labels})(pictures, rows)
+    raw, _ = torch_maps(model.cfg, model.weights, pictures, features=[4])
+    classes = len(metadata.names)
+    expected = [
+        values.reshape(3, -1, 5 + classes, *values.shape[2:])[:, :, 5:].argmax(axis=2).ravel() for values in raw
+    ]
+    assert classes > 1
+    assert len(set(read["labels"])) == classes
+    assert (read["labels"] == np.concatenate(expected)).mean() > 0.999  # but for ties
+
+
 def test_names_of_what_is_read_are_free(model, pictures):
     """One tensor under two names had only the last; names of other tensors of the graph were taken."""
 

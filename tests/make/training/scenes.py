@@ -95,7 +95,7 @@ def make_readings(
     centre = rng.normal(0, 1, (identities, 1, channels))
     values = centre[identity] + rng.normal(0, noise, (len(identity), points, channels))
     return Readings(
-        values={"points": values.astype(np.float16)},
+        values={"points": values.astype(np.float16), "group": np.zeros(len(identity), np.int64)},
         identity=identity,
         source=identity % sources,
         frame=np.tile(np.arange(rows), identities),

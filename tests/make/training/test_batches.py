@@ -45,7 +45,7 @@ def test_identities_with_one_row_are_not_drawn():
         source=readings.source[kept],
         frame=readings.frame[kept],
         height_px=readings.height_px[kept],
-        values={"points": readings.values["points"][kept]},
+        values={name: values[kept] for name, values in readings.values.items()},
     )
     drawn = {int(readings.identity[row]) for rows in batches(BatchSampler(readings, 6, 2, 0), 40) for row in rows}
     assert drawn == set(range(8)) - {3}

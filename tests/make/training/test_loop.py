@@ -22,7 +22,7 @@ from lookonce.make.training.trainables import trainable_for
 from lookonce.model.metadata import Feature
 from make.training.scenes import make_readings
 
-KIND = CompactKind((Feature("a", 3, 4), Feature("b", 2, 8)), (64, 64))
+KIND = CompactKind((Feature("a", 3, 4), Feature("b", 2, 8)), (64, 64), (0,))
 CONFIG = FitConfig(steps=12, check_every=4, identities=8, rows=4, learning_rate=3e-3)
 CPU = torch.device("cpu")
 
@@ -153,7 +153,7 @@ def spoil(readings, *, held_out: bool):
     points = readings.values["points"].copy()
     rows = np.flatnonzero(readings.held_out[readings.identity] == held_out)
     points[rows, 0, 0] = np.nan
-    return replace(readings, values={"points": points})
+    return replace(readings, values={**readings.values, "points": points})
 
 
 def test_a_loss_that_is_no_number_is_one_line_and_keeps_the_checkpoint(tmp_path, readings):

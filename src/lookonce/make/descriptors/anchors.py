@@ -26,7 +26,7 @@ def rows_of_boxes(
         image_index: (N,) which picture of the batch; all 0 by default.
 
     Returns:
-        For each field of ``SelectedDetections`` an array of N values.
+        For each field of ``SelectedDetections`` but the labels an array of N values.
     """
     count = len(boxes)
     sizes = boxes[:, 2:] - boxes[:, :2]
@@ -45,7 +45,6 @@ def rows_of_boxes(
         "image_index": np.zeros(count, np.int64) if image_index is None else image_index,
         "boxes": boxes,
         "scores": np.ones(count, np.float32),
-        "labels": np.zeros(count, np.int64),
         "scale": scales[best].astype(np.int64),
         "cell": (row * (width // stride) + column).astype(np.int64),
         "anchor": numbers[best].astype(np.int64),

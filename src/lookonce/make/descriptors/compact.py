@@ -6,6 +6,9 @@ object from background, give the weights of K attention heads. Each head average
 attends to, beginning as a horizontal stripe of the box; the joined averages are projected to a vector of unit length.
 The descriptor belongs to the box, not to the grid or anchor that happened to find it, and survives a change of scale.
 
+What tells people apart does not tell vehicles apart. Where the detector knows people and other things, people have a
+network of their own; each row is read by one of the two, chosen by its class.
+
 In the model file the later maps are brought to the width of the gate's hidden layer *before* they are read: both steps
 are linear, so their order changes nothing but the cost. RoiAlign is what costs most, and it costs by the channel.
 """
@@ -26,13 +29,16 @@ from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.model.metadata import Feature, ModelMetadata
 
-__all__ = ["CompactHead", "CompactKind"]
+__all__ = ["PEOPLE_CLASSES", "CompactHead", "CompactKind"]
+
+PEOPLE_CLASSES = frozenset(("person", "pedestrian", "people"))
+"""Names of classes, in small letters, whose objects are people."""
 
 _ROWS, _COLUMNS = 8, 4  # points over a box; taller than wide, for persons; vehicles lose nothing by it
 _POINTS = _ROWS * _COLUMNS
 _SAMPLES = 2  # of the finest map, per point and axis, averaged; the points lie closer than the cells of the others
 _STRIDES_PX = (4, 8, 16)  # of the maps that are read
-_EMBEDDING, _HEADS, _GATE = 48, 8, 24
+_EMBEDDING, _HEADS, _GATE = 48, 8, 16
 _SMALLEST_SPREAD = 1e-3
 _UNSEEN = -20.0  # logit of a point that is hidden: no weight, but no NaN where all are
 
@@ -44,10 +50,12 @@ class CompactKind:
     Attributes:
         features: the maps that are read, finest first; the first gives the embedding.
         size: the network's input (height, width) in px.
+        groups: by label, which network reads the class: 1 people, 0 all else; all 0 where there are not both.
     """
 
     features: tuple[Feature, ...]
     size: tuple[int, int]
+    groups: tuple[int, ...]
 
     @classmethod
     def of(cls, metadata: ModelMetadata) -> CompactKind:
@@ -58,7 +66,10 @@ class CompactKind:
         for feature in sorted(backbone, key=lambda f: (f.stride_px, f.channels)):
             narrowest.setdefault(feature.stride_px, feature)
         chosen = [narrowest[stride] for stride in _STRIDES_PX if stride in narrowest]
-        return cls(tuple(chosen or list(narrowest.values())[: len(_STRIDES_PX)]), metadata.size)
+        groups = [int(name.lower() in PEOPLE_CLASSES) for name in metadata.names]
+        if all(groups):
+            groups = [0] * len(groups)
+        return cls(tuple(chosen or list(narrowest.values())[: len(_STRIDES_PX)]), metadata.size, tuple(groups))
 
     @property
     def name(self) -> str:
@@ -78,29 +89,44 @@ class CompactKind:
     def write_reading(
         self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]
     ) -> dict[str, ir.Value]:
-        """``points (N, 32, C)``: the maps' channels, joined, at a grid of points over each box."""
-        read = self.write_points(g, rows, [features[name] for name in self.layers])
-        joined = g("Concat", *read, axis=1) if len(read) > 1 else read[0]
-        return {"points": g("Reshape", joined, g.constant([-1, _POINTS, sum(self.channels)]))}
+        """What training sees of N rows.
 
-    def write_points(self, g: GraphWriter, rows: SelectedDetections, maps: Sequence[ir.Value]) -> list[ir.Value]:
+        ``points (N, 32, C)``: the maps' channels, joined, at a grid of points over each box; ``group (N,)`` int64:
+        which network reads the row.
+        """
+        read = self.write_points(g, self.write_inside(g, rows), rows.image_index, [features[n] for n in self.layers])
+        joined = g("Concat", *read, axis=1) if len(read) > 1 else read[0]
+        points = g("Reshape", joined, g.constant([-1, _POINTS, sum(self.channels)]))
+        return {"points": points, "group": self.write_group(g, rows)}
+
+    def write_group(self, g: GraphWriter, rows: SelectedDetections) -> ir.Value:
+        """(N,) int64: which network reads each row."""
+        return g("Gather", g.constant(self.groups), rows.labels)
+
+    def write_inside(self, g: GraphWriter, rows: SelectedDetections) -> ir.Value:
+        """Boxes (N, 4), cut at the border of the picture."""
+        height, width = self.size
+        limit = g.constant(np.array([width, height, width, height], np.float32))
+        return g("Max", g("Min", rows.boxes, limit), g.constant(0.0))
+
+    def write_points(
+        self, g: GraphWriter, boxes: ir.Value, image_index: ir.Value, maps: Sequence[ir.Value]
+    ) -> list[ir.Value]:
         """Each map (B, C, h, w) at a grid of points over each box, (N x 32, C).
 
         Args:
             g: the graph.
-            rows: N detections.
+            boxes: (N, 4) xyxy in px of the input, inside of it.
+            image_index: (N,) which picture of the batch.
             maps: for each feature a map of its height and width: itself or what was computed of it.
         """
-        height, width = self.size
-        limit = g.constant(np.array([width, height, width, height], np.float32))
-        boxes = g("Max", g("Min", rows.boxes, limit), g.constant(0.0))
         points = []
         for feature, value in zip(self.features, maps, strict=True):
             read = g(  # (N, C, rows, columns)
                 "RoiAlign",
                 value,
                 boxes,
-                rows.image_index,
+                image_index,
                 output_height=_ROWS,
                 output_width=_COLUMNS,
                 sampling_ratio=_SAMPLES if feature is self.features[0] else 1,
@@ -114,7 +140,7 @@ class CompactKind:
 
 
 class CompactHead(nn.Module):
-    """The network of kind ``compact``: points (N, P, C) -> descriptors (N, 128) of unit length.
+    """The network of kind ``compact``, or both: points (N, P, C) -> descriptors (N, 128) of unit length.
 
     Args:
         kind: the layout.
@@ -128,17 +154,54 @@ class CompactHead(nn.Module):
     def __init__(self, kind: CompactKind, mean: NDArray[np.float32], spread: NDArray[np.float32]) -> None:
         super().__init__()
         self.kind = kind
-        self.visual = kind.channels[0]
         self.register_buffer("mean", torch.from_numpy(mean))
         self.register_buffer("spread", torch.from_numpy(np.maximum(spread, _SMALLEST_SPREAD)))
+        self.networks = nn.ModuleList(_Network(kind) for _ in range(1 + max(kind.groups)))
+
+    def forward(self, points: Tensor, group: Tensor) -> Tensor:
+        """(N, P, C) and (N,), the number of each row's network -> (N, 128)."""
+        descriptors = torch.zeros(len(points), DESCRIPTOR_SIZE, device=points.device)
+        for number in range(len(self.networks)):
+            own = (group == number).nonzero()[:, 0]
+            descriptors = descriptors.index_copy(0, own, self.describe_by(number, points[own]))
+        return descriptors
+
+    def describe_by(self, number: int, points: Tensor) -> Tensor:
+        """(N, P, C) -> (N, 128) by one network, whatever the rows' classes."""
+        described: Tensor = self.networks[number]((points.float() - self.mean) / self.spread)
+        return described
+
+    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
+        """Append the head to a graph: ``forward`` of the reading, with the standardisation folded into the weights."""
+        maps = [features[name] for name in self.kind.layers]
+        boxes, images = self.kind.write_inside(g, rows), rows.image_index
+        networks = [network for network in self.networks if isinstance(network, _Network)]
+        if len(networks) == 1:
+            return networks[0].write(g, boxes, images, maps, self.mean, self.spread)
+        group, parts, places = self.kind.write_group(g, rows), [], []
+        for number, network in enumerate(networks):
+            own = g("Squeeze", g("NonZero", g("Equal", group, g.constant(number))), g.constant([0]))
+            some = g("Gather", boxes, own), g("Gather", images, own)
+            parts.append(network.write(g, *some, maps, self.mean, self.spread))
+            places.append(own)
+        _, back = g.many("TopK", 2, g("Concat", *places, axis=0), g.size(group, 0), axis=0, largest=0)
+        return g("Gather", g("Concat", *parts, axis=0), back)
+
+
+class _Network(nn.Module):
+    """Standardised points (N, P, C) -> descriptors (N, 128) of unit length."""
+
+    def __init__(self, kind: CompactKind) -> None:
+        super().__init__()
+        self.kind = kind
+        self.visual = kind.channels[0]
         self.embedding = nn.Linear(self.visual, _EMBEDDING)
-        self.gate = nn.Sequential(nn.Linear(len(mean), _GATE), nn.ReLU(), nn.Linear(_GATE, _HEADS))
+        self.gate = nn.Sequential(nn.Linear(sum(kind.channels), _GATE), nn.ReLU(), nn.Linear(_GATE, _HEADS))
         self.position = nn.Parameter(_stripes())
         self.project = nn.Linear(_EMBEDDING * _HEADS, DESCRIPTOR_SIZE)
 
     def forward(self, points: Tensor) -> Tensor:
         """(N, P, C) -> (N, 128)."""
-        points = (points.float() - self.mean) / self.spread
         embedded = torch.relu(self.embedding(points[..., : self.visual]))  # (N, P, E)
         logits = self.position + self.gate(points)  # (N, P, K)
         if self.training:
@@ -147,34 +210,42 @@ class CompactHead(nn.Module):
         pooled = torch.log1p(weights.transpose(1, 2) @ embedded)  # (N, K, E); one bright spot does not decide
         return nn.functional.normalize(self.project(pooled.flatten(1)), dim=1)
 
-    def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:
-        """Append the head to a graph: ``forward`` of the reading, with the standardisation folded into the weights."""
+    def write(
+        self,
+        g: GraphWriter,
+        boxes: ir.Value,
+        image_index: ir.Value,
+        maps: Sequence[ir.Value],
+        mean: Tensor,
+        spread: Tensor,
+    ) -> ir.Value:
+        """Append the network to a graph, reading and standardisation included: descriptors (N, 128) of the boxes."""
         first, last = self.gate[0], self.gate[2]
         assert isinstance(first, nn.Linear)
         assert isinstance(last, nn.Linear)
-        first_weight, first_bias = self._folded(first)
+        first_weight, first_bias = _folded(first, mean, spread)
         guides = first_weight.split_with_sizes(self.kind.channels, dim=1)  # (gate, channels) for each feature
-        finest, *later = (features[name] for name in self.kind.layers)
         later = [
             g("Conv", value, g.constant(_array(weight[:, :, None, None])))
-            for value, weight in zip(later, guides[1:], strict=True)
+            for value, weight in zip(maps[1:], guides[1:], strict=True)
         ]
-        points, *guided = self.kind.write_points(g, rows, [finest, *later])  # (N P, C), (N P, gate) ...
+        points, *guided = self.kind.write_points(g, boxes, image_index, [maps[0], *later])  # (N P, C), (N P, gate) ...
         hidden = g("Relu", g("Sum", _write_linear(g, points, guides[0], first_bias), *guided))
         logits = _write_linear(g, hidden, last.weight, last.bias)
         logits = g("Transpose", g("Reshape", logits, g.constant([-1, _POINTS, _HEADS])), perm=[0, 2, 1])
         weights = g("Softmax", g("Add", logits, g.constant(_array(self.position.T))), axis=2)  # (N, K, P)
-        embedded = g("Relu", _write_linear(g, points, *self._folded(self.embedding)))
-        mean = g("MatMul", weights, g("Reshape", embedded, g.constant([-1, _POINTS, _EMBEDDING])))
-        pooled = g("Log", g("Add", mean, g.constant(1.0)))
+        embedded = g("Relu", _write_linear(g, points, *_folded(self.embedding, mean, spread)))
+        average = g("MatMul", weights, g("Reshape", embedded, g.constant([-1, _POINTS, _EMBEDDING])))
+        pooled = g("Log", g("Add", average, g.constant(1.0)))
         flat = g("Reshape", pooled, g.constant([-1, _EMBEDDING * _HEADS]))
         return g.unit_length(_write_linear(g, flat, self.project.weight, self.project.bias))
 
-    def _folded(self, layer: nn.Linear) -> tuple[Tensor, Tensor]:
-        """Weight and bias of a layer on standardised channels, as those of a layer on the channels themselves."""
-        count = layer.in_features
-        weight = layer.weight / self.spread[:count]
-        return weight, layer.bias - weight @ self.mean[:count]
+
+def _folded(layer: nn.Linear, mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
+    """Weight and bias of a layer on standardised channels, as those of a layer on the channels themselves."""
+    count = layer.in_features
+    weight = layer.weight / spread[:count]
+    return weight, layer.bias - weight @ mean[:count]
 
 
 def _hidden(count: int) -> Tensor:

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from lookonce.make.export.graph import GraphWriter
 
-__all__ = ["OutputScale", "SelectedDetections", "write_detections"]
+__all__ = ["BEFORE_CLASSES", "OutputScale", "SelectedDetections", "write_detections"]
 
 DEFAULT_SCORE_THRESHOLD = 0.25
 DEFAULT_IOU_THRESHOLD = 0.45
 DEFAULT_MAX_DETECTIONS = 1000
 NAME_PREFIX = "detection_"
 _BOX = 4
-_BEFORE_CLASSES = 5  # x, y, width, height, objectness
+BEFORE_CLASSES = 5  # x, y, width, height, objectness
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def _tables(scales: Sequence[OutputScale], classes: int) -> _AnchorTables:
     for index, scale in enumerate(scales):
         rows, columns = scale.grid
         count, cell = len(scale.anchors_px), np.arange(rows * columns)
-        first = np.arange(count)[:, None] * (_BEFORE_CLASSES + classes) * len(cell) + cell  # (anchors, cells)
+        first = np.arange(count)[:, None] * (BEFORE_CLASSES + classes) * len(cell) + cell  # (anchors, cells)
         geometry = np.empty((count, len(cell), 6), np.float32)
         geometry[..., 0], geometry[..., 1] = cell % columns, cell // columns
         geometry[..., 2], geometry[..., 5] = scale.stride_px, scale.scale_x_y
@@ -103,7 +103,7 @@ def _tables(scales: Sequence[OutputScale], classes: int) -> _AnchorTables:
         indices.append(np.full(first.size, index))
         cells.append(np.tile(cell, count))
         anchors.append(np.repeat(np.arange(count), len(cell)))
-        start += count * (_BEFORE_CLASSES + classes) * len(cell)
+        start += count * (BEFORE_CLASSES + classes) * len(cell)
     integers = [np.concatenate(parts).astype(np.int64) for parts in (addresses, steps, indices, cells, anchors)]
     return _AnchorTables(integers[0], integers[1], np.concatenate(geometries), *integers[2:])
 
@@ -160,7 +160,7 @@ def _candidates(
     """Objectness and anchor number, (B, K) each, best first; K = the most that any image has above the threshold."""
     parts = []
     for scale in scales:
-        shape = g.constant([0, len(scale.anchors_px), _BEFORE_CLASSES + classes, -1])
+        shape = g.constant([0, len(scale.anchors_px), BEFORE_CLASSES + classes, -1])
         attributes = g("Reshape", scale.raw, shape)
         one = g("Slice", attributes, g.constant([_BOX]), g.constant([_BOX + 1]), g.constant([2]))
         parts.append(g("Flatten", one, axis=1))
@@ -182,7 +182,7 @@ def _attributes(
     maps = g("Concat", *flat, axis=1) if len(flat) > 1 else flat[0]
     address = g("Unsqueeze", g("Gather", g.constant(tables.address), candidates), g.constant([2]))
     step = g("Unsqueeze", g("Gather", g.constant(tables.step), candidates), g.constant([2]))
-    number = g.constant(np.arange(_BEFORE_CLASSES + classes, dtype=np.int64))
+    number = g.constant(np.arange(BEFORE_CLASSES + classes, dtype=np.int64))
     addresses = g("Add", address, g("Mul", step, number))
     values = g("GatherElements", maps, g("Flatten", addresses, axis=1), axis=1)
     return g("Reshape", values, g("Shape", addresses))
@@ -211,7 +211,7 @@ def _decode_boxes(g: GraphWriter, form: OutputScale, attributes: ir.Value, geome
 
 def _class_scores(g: GraphWriter, form: OutputScale, attributes: ir.Value, objectness: ir.Value) -> ir.Value:
     """Objectness x class probability, (B, classes, K)."""
-    probability = _slice(g, attributes, _BEFORE_CLASSES, np.iinfo(np.int64).max)
+    probability = _slice(g, attributes, BEFORE_CLASSES, np.iinfo(np.int64).max)
     if form.softmax:
         probability = g("Softmax", probability, axis=2)
     elif not form.new_coords:

@@ -1,11 +1,12 @@
 """Model files opened again: to read at given boxes, and to carry other descriptors.
 
-Nothing that leads to a detection is touched: descriptor heads are taken off and put on behind it.
+Nothing that leads to a detection is touched: descriptor heads are taken off and put on behind it. A given box has the
+class that the detector sees there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from onnx_ir.passes.common import RemoveUnusedNodesPass
 
 from lookonce.errors import ModelError
-from lookonce.make.export.detections import NAME_PREFIX, SelectedDetections
+from lookonce.make.export.detections import BEFORE_CLASSES, NAME_PREFIX, SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.make.export.model_file import DESCRIPTORS, declare_descriptors, save_model
 from lookonce.model import ModelMetadata, describe_model
@@ -35,7 +36,7 @@ class RowReader:
     Args:
         path: a model file.
         write: appends operators to the graph and names what is to be read; gets the rows of the detections, here
-            given from outside, and the features by name.
+            given from outside, their labels as the detector sees them, and the features by name.
         provider: ``cpu`` or ``cuda``.
         threads: for one inference.
 
@@ -47,14 +48,16 @@ class RowReader:
         self.path = path
         self.metadata, model = _open(path)
         rows, features = _rows(path, model), _features(path, model, self.metadata)
-        given = {name: _given(name) for name in rows}
-        for name, row in rows.items():
-            ir.convenience.replace_all_uses_with(row, given[name])
+        given = {name: _given(name) for name in rows if name != "labels"}
         g = GraphWriter(model.graph)
-        read = write(g, SelectedDetections(**given), features)
+        labels = _write_labels(g, self.metadata, given, _raw_maps(path, self.metadata, features))
+        for name, row in rows.items():
+            ir.convenience.replace_all_uses_with(row, given.get(name, labels))
+        read = write(g, SelectedDetections(labels=labels, **given), features)
         outputs = {name: g("Identity", value) for name, value in read.items()}  # it may be a given row, or read twice
         self._outputs = {name: str(value.name) for name, value in outputs.items()}
         model.graph.outputs[:] = list(outputs.values())
+        model.graph.sort()  # the labels of given rows stand behind what the file itself reads by them
         RemoveUnusedNodesPass()(model)
         self._inputs = [name for name, value in given.items() if value.uses()]
         model.graph.inputs[:] = [model.graph.inputs[0], *(given[name] for name in self._inputs)]
@@ -65,7 +68,7 @@ class RowReader:
 
         Args:
             canvases: pictures (B, H, W, 3) uint8 RGB of the network's size.
-            rows: N values for each field of ``SelectedDetections`` that is read.
+            rows: N values for each field of ``SelectedDetections`` that is read, but the labels.
         """
         feed = {"images": canvases} | {f"given_{name}": rows[name] for name in self._inputs}
         values = run_session(self.path, self._session, feed, list(self._outputs.values()))
@@ -154,3 +157,45 @@ def _features(path: Path, model: ir.Model, metadata: ModelMetadata) -> dict[str,
         name = f"lacks the feature {missing[0]}" if missing else "names no features that descriptors could read"
         raise ModelError(f"{path}: {name}; make it again with 'lookonce import'")
     return {feature.name: values[feature.name] for feature in metadata.features}
+
+
+def _raw_maps(path: Path, metadata: ModelMetadata, features: Mapping[str, ir.Value]) -> list[ir.Value]:
+    """Of each output grid the map (B, anchors x (5 + classes), rows, columns) that the detector decodes."""
+    maps = []
+    for grid in metadata.outputs:
+        channels = len(grid.anchors_px) * (BEFORE_CLASSES + len(metadata.names))
+        readers = [node for node, _ in features[grid.near].uses() if node.op_type == "Conv"]
+        found = [node.outputs[0] for node in readers if _has_filters(node, channels)]
+        if len(found) != 1:
+            raise ModelError(
+                f"{path}: cannot tell which map the {grid.stride_px} px grid is decoded from; make it again with "
+                "'lookonce import'"
+            )
+        maps += found
+    return maps
+
+
+def _has_filters(convolution: ir.Node, count: int) -> bool:
+    weight = convolution.inputs[1]
+    return weight is not None and weight.const_value is not None and weight.const_value.shape[0] == count
+
+
+def _write_labels(
+    g: GraphWriter, metadata: ModelMetadata, rows: Mapping[str, ir.Value], raw_maps: Sequence[ir.Value]
+) -> ir.Value:
+    """(N,) int64: the class that is most probable at each row's own anchor."""
+    labels = g.constant(0)
+    height, width = metadata.size
+    classes = np.arange(len(metadata.names), dtype=np.int64)
+    for index, (grid, raw) in enumerate(zip(metadata.outputs, raw_maps, strict=True)):
+        cells = (height // grid.stride_px) * (width // grid.stride_px)
+        attributes = BEFORE_CLASSES + len(classes)
+        anchor = g("Min", rows["anchor"], g.constant(len(grid.anchors_px) - 1))  # rows of other grids: any valid one
+        cell = g("Min", rows["cell"], g.constant(cells - 1))
+        image = g("Mul", rows["image_index"], g.constant(len(grid.anchors_px) * attributes * cells))
+        first = g("Add", g("Add", image, g("Mul", anchor, g.constant(attributes * cells))), cell)
+        addresses = g("Add", g("Unsqueeze", first, g.constant([1])), g.constant((BEFORE_CLASSES + classes) * cells))
+        scores = g("Gather", g("Reshape", raw, g.constant([-1])), addresses)  # (N, classes)
+        is_own = g("Equal", rows["scale"], g.constant(index))
+        labels = g("Where", is_own, g("ArgMax", scores, axis=1, keepdims=0), labels)
+    return labels

@@ -51,8 +51,7 @@ class FitConfig:
         views: transformed views of each still.
         collages: how often each object of a still is put into a collage.
         variants: so many more identities are made of each object of a still by other colours.
-        crowds: so many rendered crowds of people, and of vehicles, where the detector knows such; each has 28 or 16
-            identities of its own.
+        crowds: so many rendered crowds, each of 28 people, where the detector knows people.
         sequence_frames: of each sequence or video at most so many frames, evenly spread.
         score: least confidence of the detections that stand in for labels.
         held_out: share of identities kept for validation.
@@ -76,13 +75,13 @@ class FitConfig:
     sequence_frames: int = 300
     score: float = 0.4
     held_out: float = 0.1
-    steps: int = 600
+    steps: int = 1200
     identities: int = 160
     rows: int = 4
     learning_rate: float = 3e-3
     weight_decay: float = 1e-3
     temperature: float = 0.1
-    check_every: int = 100
+    check_every: int = 200
     patience: int = 5
     cache_gb: float = 1.0
 

@@ -26,6 +26,7 @@ from lookonce.model import ModelMetadata
 __all__ = ["Head", "Kind", "kind_of", "trainable_for"]
 
 _ROWS_FOR_STATISTICS = 2048  # of 32 points each; more would take much memory and change little
+_OF_ANY_CLASS = ("clips", "stills")  # kinds of sources that teach the networks of all classes
 
 Kind = CompactKind | PaperKind
 
@@ -51,25 +52,43 @@ def trainable_for(kind: Kind, readings: Readings, config: FitConfig) -> Head:
 
 
 class _Compact:
+    """Kind ``compact`` with its contrastive loss, summed over the networks of the head.
+
+    Stills and clips teach all of them, whatever they show: more identities are worth more than a class of one's own.
+    Labelled sequences and rendered crowds have much of one class, and each row teaches the network of its class alone.
+    """
+
     def __init__(self, kind: CompactKind, readings: Readings, temperature: float) -> None:
         self._readings, self._temperature = readings, temperature
         points = readings.values["points"]
         some = np.linspace(0, len(points) - 1, min(len(points), _ROWS_FOR_STATISTICS)).astype(int)
         channels = points[some].astype(np.float32).reshape(-1, points.shape[-1])
         self._head = CompactHead(kind, channels.mean(axis=0), channels.std(axis=0))
+        is_of_any = np.isin(np.array(readings.kinds), _OF_ANY_CLASS)[readings.source]
+        self._teaches = [is_of_any | (readings.values["group"] == number) for number in range(len(self._head.networks))]
 
     @property
     def module(self) -> nn.Module:
         return self._head
 
     def loss(self, values: Mapping[str, Tensor], rows: NDArray[np.int64]) -> Tensor:
-        descriptors = self._head(values["points"])
+        points = values["points"]
+        losses = []
+        for number, teaches in enumerate(self._teaches):
+            chosen = np.flatnonzero(teaches[rows])
+            if len(chosen):
+                losses.append(self._loss_of(number, points[torch.from_numpy(chosen).to(points.device)], rows[chosen]))
+        return torch.stack(losses).sum()
+
+    def _loss_of(self, number: int, points: Tensor, rows: NDArray[np.int64]) -> Tensor:
+        """Of one network."""
+        descriptors = self._head.describe_by(number, points)
         identity = torch.from_numpy(self._readings.identity[rows]).to(descriptors.device)
         is_comparable = torch.from_numpy(comparable(self._readings, rows)).to(descriptors.device)
         return contrastive_loss(descriptors, identity, is_comparable, self._temperature)
 
     def describe(self, values: Mapping[str, Tensor]) -> Tensor:
-        described: Tensor = self._head(values["points"])
+        described: Tensor = self._head(values["points"], values["group"])
         return described
 
     def write(self, g: GraphWriter, rows: SelectedDetections, features: Mapping[str, ir.Value]) -> ir.Value:

@@ -1,0 +1,68 @@
+"""Which rows teach which network of a head of kind `compact`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from lookonce.make.descriptors.compact import CompactKind
+from lookonce.make.training.config import FitConfig
+from lookonce.make.training.trainables import trainable_for
+from lookonce.model.metadata import Feature
+from make.training.scenes import make_readings
+
+BOTH = CompactKind((Feature("a", 3, 4), Feature("b", 2, 8)), (64, 64), (0, 1))
+
+
+def _readings(kind: str):
+    """Twelve identities of a source of some kind; every second one is of the second network's class."""
+    readings = make_readings(12, points=32)
+    group = readings.identity % 2
+    return replace(readings, kinds=(kind,), values={**readings.values, "group": group})
+
+
+def _taught(kind: str, groups: tuple[int, ...]) -> list[bool]:
+    """Which networks get a gradient from a batch of rows of some groups."""
+    readings = _readings(kind)
+    head = trainable_for(BOTH, readings, FitConfig())
+    rows = np.flatnonzero(np.isin(readings.values["group"], groups))
+    head.loss({name: torch.from_numpy(values[rows]) for name, values in readings.values.items()}, rows).backward()
+    return [network.embedding.weight.grad is not None for network in head.module.networks]
+
+
+@pytest.mark.parametrize("kind", ["sequences", "rendered people"])
+def test_sources_of_one_class_teach_its_network_alone(kind):
+    assert _taught(kind, (0,)) == [True, False]
+    assert _taught(kind, (1,)) == [False, True]
+    assert _taught(kind, (0, 1)) == [True, True]
+
+
+@pytest.mark.parametrize("kind", ["stills", "clips"])
+@pytest.mark.parametrize("group", [0, 1])
+def test_sources_of_any_class_teach_both(kind, group):
+    assert _taught(kind, (group,)) == [True, True]
+
+
+def test_the_loss_is_the_sum_over_the_networks():
+    readings = _readings("sequences")
+    head = trainable_for(BOTH, readings, FitConfig())
+    head.module.eval()  # hides no points
+
+    def loss(rows):
+        return head.loss({name: torch.from_numpy(values[rows]) for name, values in readings.values.items()}, rows)
+
+    group = readings.values["group"]
+    apart = [loss(np.flatnonzero(group == number)) for number in (0, 1)]
+    torch.testing.assert_close(loss(np.arange(len(readings))), sum(apart))
+
+
+def test_rows_are_described_by_the_network_of_their_class():
+    readings = _readings("stills")
+    head = trainable_for(BOTH, readings, FitConfig())
+    head.module.eval()
+    values = {name: torch.from_numpy(array) for name, array in readings.values.items()}
+    each = [head.module.describe_by(number, values["points"]) for number in (0, 1)]
+    torch.testing.assert_close(head.describe(values), torch.where(values["group"][:, None] == 1, each[1], each[0]))
