@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lookonce.boxes import clip, iou, iou_of_pairs, xyxy_to_ltwh
+from lookonce.boxes import clip, iou, iou_of_pairs, share_inside, xyxy_to_ltwh
 
 BOXES = np.array([[0, 0, 10, 20], [5, 5, 15, 25], [-5, -5, 30, 40]], np.float32)
 
@@ -49,3 +49,12 @@ def test_iou_of_pairs_is_the_diagonal_of_iou():
     b[1] = a[1] = [1, 1, 1, 1]
     np.testing.assert_array_equal(iou_of_pairs(a, b), np.diagonal(iou(a, b)))
     assert iou_of_pairs(a[:0], b[:0]).shape == (0,)
+
+
+def test_share_of_a_box_inside_others():
+    a = np.array([[0, 0, 4, 2], [-4, 0, 4, 2], [3, 3, 3, 9], [4, 2, 0, 0], [4, 0, 0, 2.0]])
+    b = np.array([[0, 0, 2, 2], [-9, -9, 9, 9], [4, 0, 8, 2.0]])
+    nothing = [0, 0, 0]
+    assert share_inside(a, b).tolist() == [[0.5, 1, 0], [0.25, 1, 0], nothing, nothing, nothing]
+    assert share_inside(a[:0], b).shape == (0, 3)
+    assert share_inside(a, b[:0]).shape == (5, 0)

@@ -1,4 +1,4 @@
-"""Box arithmetic: the only intersection over union and the only conversions of the package.
+"""Box arithmetic: the only intersections over union or over one box, and the only conversions of the package.
 
 Layouts: ``xyxy`` = left, top, right, bottom; ``ltwh`` = left, top, width, height; all in pixels.
 """
@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["clip", "iou", "iou_of_pairs", "xyxy_to_ltwh"]
+__all__ = ["clip", "iou", "iou_of_pairs", "share_inside", "xyxy_to_ltwh"]
 
 _LEAST_AREA = float(np.finfo(np.float32).tiny)
+_EPS = float(np.finfo(np.float64).eps)
 
 
 def xyxy_to_ltwh(xyxy: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -70,3 +71,25 @@ def iou_of_pairs(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.f
     union -= overlap
     overlap /= np.maximum(union, _LEAST_AREA, out=union)
     return overlap
+
+
+def share_inside(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How much of each box lies in each of some others: intersection over the box's own area.
+
+    Args:
+        a: xyxy (N, 4).
+        b: xyxy (M, 4).
+
+    Returns:
+        (N, M) in [0, 1]; 0 where the box of ``a`` has no area.
+
+    >>> import numpy as np
+    >>> share_inside(np.array([[0, 0, 2.0, 2]]), np.array([[1, 0, 9.0, 9], [-9, -9, 9.0, 9]])).tolist()
+    [[0.5, 1.0]]
+    """
+    sides = np.minimum(a[:, None, 2:], b[None, :, 2:]) - np.maximum(a[:, None, :2], b[None, :, :2])
+    np.maximum(sides, 0.0, out=sides)
+    area = ((a[:, 2] - a[:, 0]) * (a[:, 3] - a[:, 1]))[:, None]
+    share = np.zeros(sides.shape[:2])
+    np.divide(sides[..., 0] * sides[..., 1], area, out=share, where=area > _EPS)
+    return share

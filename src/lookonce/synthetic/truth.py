@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.boxes import share_inside
 from lookonce.datasets import LabelledObjects
 
 __all__ = ["FrameTruth", "Seen", "assemble_truth", "ignored_boxes", "visibility_of"]
@@ -122,7 +123,7 @@ def assemble_truth(seen: list[Seen], ignored: NDArray[np.float32], min_px: float
         width, height = one.xyxy[2] - one.xyxy[0], one.xyxy[3] - one.xyxy[1]
         if min(width, height) < min_px:
             left_out[TOO_SMALL] = left_out.get(TOO_SMALL, 0) + 1
-        elif _covered(one.xyxy, ignored) > 0.5:
+        elif share_inside(one.xyxy[None], ignored.astype(np.float64)).max(initial=0.0) > 0.5:
             left_out[IN_IGNORED] = left_out.get(IN_IGNORED, 0) + 1
         else:
             kept.append(one)
@@ -142,11 +143,3 @@ def assemble_truth(seen: list[Seen], ignored: NDArray[np.float32], min_px: float
         np.array([one.heading_deg for one in kept], np.float32),
         left_out,
     )
-
-
-def _covered(xyxy: Floats, regions: NDArray[np.float32]) -> float:
-    """The largest share of a box that one of the regions covers."""
-    if not len(regions):
-        return 0.0
-    overlap = np.clip(np.minimum(xyxy[2:], regions[:, 2:]) - np.maximum(xyxy[:2], regions[:, :2]), 0, None)
-    return float(overlap.prod(axis=1).max() / max((xyxy[2] - xyxy[0]) * (xyxy[3] - xyxy[1]), 1e-9))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.boxes import iou
+from lookonce.boxes import iou, share_inside
 from lookonce.evaluation.detection.truth import DetectionTruth
 from lookonce.structures import Detections
 
@@ -176,11 +176,7 @@ def _overlaps(xyxy: NDArray[Any], truth: NDArray[Any], is_crowd: NDArray[np.bool
     """(N, T) float64: intersection over union; over the detection's own area where the true box is a crowd."""
     overlap: NDArray[Any] = iou(xyxy, truth)
     if is_crowd.any():
-        crowd = truth[is_crowd]
-        low, high = np.maximum(xyxy[:, None, :2], crowd[:, :2]), np.minimum(xyxy[:, None, 2:], crowd[:, 2:])
-        sides = np.clip(high - low, 0, None)
-        own = xyxy[:, 2:] - xyxy[:, :2]
-        overlap[:, is_crowd] = sides[..., 0] * sides[..., 1] / (own[:, 0] * own[:, 1])[:, None]
+        overlap[:, is_crowd] = share_inside(xyxy, truth[is_crowd])
     return overlap
 
 
