@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from PIL import Image
 
+import lookonce.demo as demo
 from lookonce import Model, open_video
 from lookonce.demo import run_demo
 from lookonce.errors import OutputError
-from lookonce.synthetic import SceneConfig
+from lookonce.synthetic import SceneConfig, SyntheticScene
 
 COMMAND = "from lookonce.cli.app import main; main()"
 FILES = ["annotated.mp4", "scene.mp4", "tracks.jsonl", "tracks.txt", "trails.png"]
@@ -51,6 +53,19 @@ def test_objects_that_can_hardly_be_seen_do_not_count(model, tmp_path):
     tiny = SceneConfig(seconds=0.4, fps=5, height=64, width=64, seed=1, place="highway", ignored_regions=False)
     result = run_demo(tmp_path, model, tiny)
     assert result.objects == result.scores.counts.objects
+
+
+def test_regions_without_truth_are_told_to_the_figures(model, tmp_path, monkeypatch):
+    scene, asked = replace(SMALL, ignored_regions=True), []
+
+    def evaluate(truth, result):
+        asked.append(truth)
+        return demo.TrackingScores
+
+    monkeypatch.setattr(demo, "evaluate_tracking", evaluate)
+    run_demo(tmp_path, model, scene)
+    (truth,) = asked
+    assert truth.ignored.tolist() == SyntheticScene(scene).ignored.tolist() != []
 
 
 def test_a_folder_that_is_not_there_is_one_line(model, tmp_path):

@@ -121,6 +121,7 @@ class _Stage:
             labels=np.concatenate([part.labels for part in objects]),
             is_counted=is_counted,
             is_distractor=~is_counted,
+            ignored=self._scene.ignored.astype(np.float64),
         )
 
 

@@ -113,6 +113,25 @@ def test_detections_of_others_leave_out_who_needs_descriptors(tmp_path: Path, sq
     assert content["kiou"]["seconds_a_frame"]["detect_s"] == 0
 
 
+def test_results_in_ignored_regions_are_left_out_for_every_tracker(tmp_path: Path, squares: Path) -> None:
+    """The same false detection in every frame, where truth is not told; the oracle gives it no identity at all."""
+    lines = [line.split(",") for line in truth_lines(FRAMES)]
+    rows = [[frame, "-1", *box, "0.9"] for frame, _, *box, _, _, _, _ in lines]
+    rows += [[str(frame + 1), "-1", "50", "50", "12", "12", "0.9"] for frame in range(FRAMES)]
+    (tmp_path / "det.txt").write_text("".join(",".join(row) + "\n" for row in rows))
+    arguments = ("--truth", squares, "--detections", tmp_path / "det.txt", "--trackers", "iou,kiou,oracle")
+    done(*arguments, "-o", tmp_path / "before")
+    (squares / "ignore.txt").write_text("48,48,16,16\n")
+    done(*arguments, "-o", tmp_path / "after")
+    contents = [json.loads((tmp_path / name / "results.json").read_text()) for name in ("before", "after")]
+    for before, after, count in zip(*(one["rows"] for one in contents), (FRAMES, FRAMES, 0), strict=True):
+        assert before["left_out"] == {}
+        assert after["left_out"] == ({"result: in an ignored region": count} if count else {})
+        assert before["figures"]["false_positives"] - after["figures"]["false_positives"] == count
+        assert before["figures"]["true_positives"] == after["figures"]["true_positives"]
+        assert after["sequences"]["squares"] == after["figures"]
+
+
 def test_a_model_describes_the_boxes_of_others(
     tmp_path: Path, squares: Path, det_file: Path, square_model: Path
 ) -> None:

@@ -211,10 +211,30 @@ def test_figures_that_are_not_the_benchmarks_say_so(tmp_path):
     assert "--benchmark MOT17 for its rules" in done("--truth", folder, "--results", results).stdout
 
 
-def test_ignored_regions_that_do_not_matter_are_told(truth, results):
-    assert "ignored region" not in done("--truth", truth, "--results", results).stdout
-    write(truth / "a" / "ignore.txt", "1,1,5,5\n")
-    assert "1 ignored regions of the truth do not matter" in done("--truth", truth, "--results", results).stdout
+def test_results_in_ignored_regions_are_left_out_and_counted(truth, results, tmp_path):
+    """The car of the first frames lies in the region too, but is found."""
+    write(results / "a.txt", result_lines() + "2,77,2,2,6,6,0.9,-1,-1,-1\n")
+    arguments = ("--truth", truth, "--results", results, "--columns", "FP,FN,boxes", "--json", tmp_path / "o.json")
+    without = done(*arguments)
+    assert "ignored region" not in without.stdout
+    assert table_row(without.stdout, "a") == ["1", "0", "20"]
+    write(truth / "a" / "ignore.txt", "0,0,20,16\n")
+    shown = done(*arguments, "--overwrite").stdout
+    assert "left out: 1 box of the result: in an ignored region" in shown
+    assert table_row(shown, "a") == ["0", "0", "20"]
+    (run,) = json.loads((tmp_path / "o.json").read_text())["runs"]
+    assert [one["left_out"] for one in run["sequences"]] == [{"result: in an ignored region": 1}, {}]
+
+
+def test_ignored_regions_of_ua_detracs_layout_count_under_both_protocols(tmp_path):
+    xml = annotation(frame(1, target()), ignored=['left="40" top="0" width="24" height="48"'])
+    write_detrac(tmp_path / "truth", xml, pictures=1)
+    results = write(tmp_path / "MVI_1.txt", "1,1,2,30,9,9,0.9,-1,-1,-1\n1,2,45,10,9,9,0.9,-1,-1,-1\n")
+    for protocol in ("trackeval", "detrac"):
+        arguments = ("--truth", tmp_path / "truth", "--results", results, "--protocol", protocol, "--columns", "FP")
+        shown = done(*arguments).stdout
+        assert table_row(shown, "MVI_1") == ["1"]
+        assert "left out: 1 box of the result: in an ignored region" in shown
 
 
 def test_what_is_left_out_is_named(truth, results):

@@ -258,11 +258,12 @@ def test_wrong_input_gets_one_line(truth, results, tmp_path):
     assert run("--max-switches", "-1", results).exit_code == 2
 
 
-def test_what_the_protocol_does_not_use_is_said(truth, results, tmp_path):
-    write(truth / "a" / "ignore.txt", "1,1,5,5\n")
+def test_what_does_not_count_is_said(truth, results, tmp_path):
+    write(truth / "a" / "ignore.txt", "0,0,64,48\n")
+    write(results / "a.txt", result_lines() + "2,77,2,2,6,6,0.9,-1,-1,-1\n")
     (results / "b.txt").unlink()
     text, _ = done(tmp_path / "o.html", results, "--truth", truth, "--missing-as-empty")
-    assert "1 ignored region of the truth do" in text
+    assert "result: in an ignored region" in text
     assert "No boxes in the results of run results for: b." in text
 
 

@@ -65,8 +65,10 @@ def test_detections_on_what_does_not_count_are_neither_right_nor_wrong():
     distractor = replace(truth, is_counted=truth.ids == 1, is_distractor=truth.ids == 2)
     assert detection_curve([detected(distractor, result)], "trackeval").precision.tolist() == [1.0]
     ignored = replace(truth, is_counted=truth.ids == 1, ignored=np.array([[75.0, 0, 95, 20]]))
-    assert detection_curve([detected(ignored, result)], "detrac").precision.tolist() == [1.0]
-    assert detection_curve([detected(ignored, result)], "trackeval").precision.tolist() == [1.0, 0.5]
+    for protocol in ("detrac", "trackeval"):
+        assert detection_curve([detected(ignored, result)], protocol).precision.tolist() == [1.0]
+    elsewhere = replace(ignored, ignored=ignored.ignored + 100)
+    assert detection_curve([detected(elsewhere, result)], "trackeval").precision.tolist() == [1.0, 0.5]
 
 
 def test_protocols_ask_for_different_overlaps():

@@ -48,5 +48,13 @@ def test_digest_tells_other_truth(field):
     assert scene.digest() == make_scene().digest() != other.digest()
 
 
+def test_digest_tells_other_ignored_regions():
+    """Once it did not, and trials scored with other regions would have been resumed."""
+    scene = make_scene()
+    regions = [np.array([[0, 0, size, size]], np.float64) for size in (10, 20)]
+    others = [replace(scene, truth=replace(scene.truth, ignored=one)).digest() for one in regions]
+    assert len({scene.digest(), *others}) == 3
+
+
 def test_digest_tells_other_detections_and_names():
     assert len({make_scene().digest(), make_scene(missing=(3,)).digest(), make_scene("b").digest()}) == 3

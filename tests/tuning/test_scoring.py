@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,28 @@ def test_rows_given_back_count_in_their_own_frames():
     """An object is real from its second frame on, and gets its first row back, also where only some frames are used."""
     (scores,) = Scorer([make_scene().cut(2)[1]], [2]).scores(DefaultConfig(match_threshold=1.5))
     assert (scores.clear.misses, scores.clear.false_positives, scores.counts.frames) == (0, 0, 5)
+
+
+def test_results_in_ignored_regions_are_left_out_at_every_frame_rate():
+    """Of two objects that are seen only one has truth; the other one is where truth is not told."""
+    scene = make_scene()
+    truth = scene.truth
+    kept = truth.ids == 1
+    first_px = truth.xyxy[~kept, 0].min()
+    alone = replace(
+        truth,
+        row_frames=truth.row_frames[kept],
+        ids=truth.ids[kept],
+        xyxy=truth.xyxy[kept],
+        labels=truth.labels[kept],
+        is_counted=truth.is_counted[kept],
+        is_distractor=truth.is_distractor[kept],
+    )
+    told = replace(alone, ignored=np.array([[first_px, 0, 500, 100]]))
+    wrong, right = (Scorer([replace(scene, truth=one)], [1, 2]).scores(LARGE_ENOUGH) for one in (alone, told))
+    assert [one.clear.false_positives for one in wrong] == [20, 10]
+    assert [one.clear.false_positives for one in right] == [0, 0]
+    assert [one.left_out for one in right] == [{"result: in an ignored region": count} for count in (20, 10)]
 
 
 def test_gain_is_the_mean_over_parts_and_its_error_tells_how_they_differ():

@@ -177,6 +177,7 @@ def _record(row: CompareRow) -> dict[str, object]:
         "min_score": row.min_score,
         "note": row.note or None,
         "figures": None if run is None else figures_of(run.combined),
+        "left_out": {} if run is None else dict(sorted(run.combined.left_out.items())),
         "sequences": {} if run is None else {one.name: figures_of(one.scores) for one in run.sequences},
         "pr": None if row.pr is None else asdict(row.pr),
         "seconds_a_frame": None if row.speed is None else asdict(row.speed),

@@ -123,11 +123,8 @@ def print_left_out(runs: Sequence[EvaluatedRun]) -> None:
 
 
 def print_hints(truth: Sequence[TrueSequence], benchmark: str, protocol: str) -> None:
-    """Says so where sequences are called as a benchmark's, or have ignored regions, and no rule follows from it."""
+    """Says so where sequences are called as a benchmark's, and no rule follows from it."""
     names = [one.name for one in truth]
-    regions = sum(len(one.truth.ignored) for one in truth)
-    if regions and protocol == "trackeval":
-        _say(f"{regions:,} ignored regions of the truth do not matter in protocol trackeval; they do in detrac")
     found = sorted({match[0].upper() for name in names if (match := _BENCHMARK.match(name))})
     if found and not benchmark and protocol == "trackeval":
         _say(f"these are not {found[0]}'s official figures: every object counts; --benchmark {found[0]} for its rules")

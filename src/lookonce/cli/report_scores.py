@@ -51,7 +51,7 @@ def score_table(runs: Sequence[EvaluatedRun], truth: Sequence[TrueSequence], rul
         tuple(ScoreColumn(column.heading, *_MEANINGS[column.name]) for column in columns),
         tuple(rows),
         tuple(left_out),
-        tuple(_notes(runs, truth, protocol)),
+        tuple(_notes(runs)),
     )
 
 
@@ -65,14 +65,8 @@ def _row(sequence: str, run: str, scores: Scores, columns: Sequence[Column]) -> 
     )
 
 
-def _notes(runs: Sequence[EvaluatedRun], truth: Sequence[TrueSequence], protocol: str) -> list[str]:
+def _notes(runs: Sequence[EvaluatedRun]) -> list[str]:
     notes = []
-    regions = sum(len(one.truth.ignored) for one in truth)
-    if regions and protocol == "trackeval":
-        notes.append(
-            f"{regions:,} ignored region{'s' if regions > 1 else ''} of the truth do not matter in protocol trackeval; "
-            "they do in detrac."
-        )
     for run in runs:
         if empty := [one.name for one in run.sequences if not one.boxes]:
             notes.append(f"No boxes in the results of run {run.name} for: {', '.join(empty)}.")

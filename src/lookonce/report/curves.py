@@ -22,7 +22,8 @@ class Detected:
     """The detections of one sequence and what there is to be found.
 
     Attributes:
-        truth: rows that count are to be found; on distractors a detection is neither right nor wrong.
+        truth: rows that count are to be found; on distractors and in ignored regions a detection is neither right nor
+            wrong.
         lines: all detections.
         is_chosen: (N,) bool, which of them take part.
     """
@@ -37,14 +38,14 @@ def detection_curve(parts: Sequence[Detected], protocol: str) -> PrecisionRecall
     truths: list[DetectionTruth] = []
     detections: list[Detections] = []
     for part in parts:
-        truths += _truths(part.truth, protocol)
+        truths += _truths(part.truth)
         detections += _detections(part)
     return precision_recall(truths, detections, [0], min_iou=_MIN_IOU[protocol])
 
 
-def _truths(truth: TrackingTruth, protocol: str) -> list[DetectionTruth]:
+def _truths(truth: TrackingTruth) -> list[DetectionTruth]:
     """One for each frame; what is neither right nor wrong is a crowd."""
-    ignored = truth.ignored.astype(np.float32) if protocol == "detrac" else np.zeros((0, 4), np.float32)
+    ignored = truth.ignored.astype(np.float32)
     rows = np.flatnonzero(truth.is_counted | truth.is_distractor)
     found = []
     for mine in _by_frame(truth.frames, truth.row_frames[rows]):

@@ -73,6 +73,7 @@ class TuningScene:
             truth.is_counted,
             truth.is_distractor,
         )
+        arrays += (truth.ignored,) if len(truth.ignored) else ()
         arrays += (found.frames, found.times, found.starts, found.xyxy, found.scores, found.labels)
         for array in (*arrays, *(() if found.descriptors is None else (found.descriptors,))):
             total.update(f"{array.shape} {array.dtype}".encode())

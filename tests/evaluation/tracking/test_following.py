@@ -90,11 +90,19 @@ def test_ids_are_those_of_rows_that_take_part_where_others_are_left_out():
     assert found.wrong.tolist() == [2]
 
 
-def test_results_in_ignored_regions_take_no_part_under_detrac():
+def test_boxes_in_ignored_regions_take_no_part_under_detrac():
     truth = make_truth([(0, 1, 1.0), (0, 2, 50.0)], 1)
     truth = replace(truth, ignored=np.array([[0, 0, 30, 30.0]]))
     found = follow(truth, make_result([(0, 5, 1.0), (0, 6, 50.0)]), "detrac")
     assert (found.truth_rows.tolist(), found.result_rows.tolist(), found.partners.tolist()) == ([1], [1], [1])
+
+
+def test_results_in_ignored_regions_take_no_part_under_trackeval_unless_they_are_matched():
+    truth = make_truth([(0, 1, 1.0), (0, 2, 50.0)], 1)
+    truth = replace(truth, ignored=np.array([[0, 0, 30, 30.0]]))
+    found = follow(truth, make_result([(0, 4, 15.0), (0, 5, 1.0), (0, 6, 50.0), (0, 7, 90.0)]))
+    assert (found.truth_rows.tolist(), found.partners.tolist()) == ([0, 1], [1, 2])
+    assert (found.result_rows.tolist(), found.wrong.tolist()) == ([1, 2, 3], [3])
 
 
 def test_nothing_and_no_protocol():

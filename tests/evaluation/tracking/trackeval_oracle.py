@@ -102,6 +102,42 @@ def trackeval_figures(frames: Frames) -> Figures:
     return figures_of(data)
 
 
+KITTI_CLASSES = {"car": 1, "van": 2, "truck": 3}
+"""TrackEval's numbers: what counts, a distractor of it, and a class that plays no part."""
+
+
+def kitti_figures(truth: TrackingTruth, result: TrackingResult, kinds: NDArray[np.str_]) -> Figures:
+    """TrackEval's figures for KITTI's cars; its rules for height, occlusion and truncation play no part.
+
+    Args:
+        truth: its regions are KITTI's DontCare of every frame.
+        result: all of it cars.
+        kinds: (N,), of each true row one of ``KITTI_CLASSES``.
+    """
+    dataset: Any = object.__new__(oracle().datasets.Kitti2DBox)  # which would ask for folders
+    dataset.class_name_to_class_id = KITTI_CLASSES | {"pedestrian": 4, "person": 5}
+    dataset.max_occlusion, dataset.max_truncation, dataset.min_height = 2, 0, -np.inf
+    truths = [truth.row_frames == frame for frame in truth.frames]
+    results = [result.row_frames == frame for frame in truth.frames]
+    classes = np.array([KITTI_CLASSES[kind] for kind in kinds.tolist()], np.int64)
+    zeros = [np.zeros(int(rows.sum())) for rows in truths]
+    similar = dataset._calculate_box_ious
+    raw = {
+        **{"seq": "one", "num_timesteps": len(truths)},
+        **{"gt_ids": [truth.ids[rows] for rows in truths], "gt_classes": [classes[rows] for rows in truths]},
+        **{"gt_dets": [truth.xyxy[rows] for rows in truths]},
+        **{"gt_extras": [{"occlusion": zero, "truncation": zero} for zero in zeros]},
+        **{"gt_crowd_ignore_regions": [truth.ignored for _ in truths]},
+        **{"tracker_ids": [result.ids[rows] for rows in results]},
+        **{"tracker_dets": [result.xyxy[rows] for rows in results]},
+        **{"tracker_classes": [np.full(int(rows.sum()), KITTI_CLASSES["car"]) for rows in results]},
+        **{"tracker_confidences": [np.ones(int(rows.sum())) for rows in results]},
+    }
+    pairs = zip(raw["gt_dets"], raw["tracker_dets"], strict=True)
+    raw["similarity_scores"] = [similar(*pair, box_format="x0y0x1y1") for pair in pairs]
+    return figures_of(dataset.get_preprocessed_seq_data(raw, "car"))
+
+
 def figures_of(data: dict[str, Any]) -> Figures:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

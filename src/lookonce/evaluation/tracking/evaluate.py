@@ -37,7 +37,8 @@ def evaluate_tracking(
     """The figures of a sequence by one of two protocols; a figure without the protocol's name means nothing.
 
     ``trackeval``: CLEAR, identity and HOTA figures equal to TrackEval's, with MOTChallenge's rules. A match needs an
-    IoU of 0.5, and the matching is the best of all. ``truth.ignored`` plays no part.
+    IoU of 0.5, and the matching is the best of all. Of ``truth.ignored``, which MOTChallenge does not have, TrackEval's
+    rule for KITTI: left out are results without a match of which more than half lies in one region; true boxes stay.
 
     ``detrac``: CLEAR figures as UA-DETRAC's toolkit has them. A new match needs an IoU of 0.7 and one held from the
     frame before 0.56; held ones come first, then the largest overlap. Left out are results and parts of trajectories in

@@ -38,7 +38,8 @@ class TrackingTruth:
         labels: (N,) int64, class of each row.
         is_counted: (N,) bool, whether the row is to be found. One that is not takes no part; but see ``is_distractor``.
         is_distractor: (N,) bool, whether a result that finds this row is left out; such a row itself does not count.
-        ignored: (M, 4) float64, regions that the UA-DETRAC protocol leaves out.
+        ignored: (M, 4) float64, px, xyxy: regions of all frames in which truth is not told; what each protocol leaves
+            out there says ``evaluate_tracking``.
         left_out: why -> number of rows that the source had beside these.
 
     Raises:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lookonce.evaluation.tracking.detrac.regions import covered_share, rounded
 from lookonce.evaluation.tracking.detrac.scores import DetracScores
 from lookonce.evaluation.tracking.overlaps import Boxes, Pairs, Scene, by_id, overlapping_pairs
-from lookonce.evaluation.tracking.preparation import NOT_COUNTED, frames_with_truth
+from lookonce.evaluation.tracking.preparation import IN_REGION, NOT_COUNTED, frames_with_truth
 from lookonce.evaluation.tracking.values import TrackingResult, TrackingTruth
 
 __all__ = ["Matches", "evaluate_detrac", "prepare_detrac", "rows_before"]
@@ -24,7 +24,6 @@ MIN_IOU = 0.7
 MIN_IOU_HELD = 0.7 * 0.8
 _MOST_COVERED = 0.5
 _MOSTLY_TRACKED, _MOSTLY_LOST = 0.8, 0.2
-IN_REGION = "in an ignored region"
 NO_AREA = "result: zero or negative size"
 
 
