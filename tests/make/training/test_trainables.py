@@ -10,7 +10,7 @@ import torch
 
 from lookonce.make.descriptors.compact import CompactKind
 from lookonce.make.training.config import FitConfig
-from lookonce.make.training.trainables import trainable_for
+from lookonce.make.training.trainables import settled, trainable_for
 from lookonce.model.metadata import Feature
 from make.training.scenes import make_readings
 
@@ -66,3 +66,15 @@ def test_rows_are_described_by_the_network_of_their_class():
     values = {name: torch.from_numpy(array) for name, array in readings.values.items()}
     each = [head.module.describe_by(number, values["points"]) for number in (0, 1)]
     torch.testing.assert_close(head.describe(values), torch.where(values["group"][:, None] == 1, each[1], each[0]))
+
+
+def test_an_identity_is_of_the_class_that_most_of_its_rows_are_seen_as():
+    readings = make_readings(4, rows=5, points=32, sources=2)  # identities 0 and 2 of the first source
+    seen = np.array([[0, 0, 0, 1, 1], [1, 0, 1, 0, 0], [1, 1, 1, 0, 0], [0, 0, 0, 0, 0]])
+    readings = replace(readings, kinds=("stills", "rendered people"), values={**readings.values, "group": seen.ravel()})
+    found = settled(BOTH, readings)
+    assert found.values["group"].reshape(4, 5).tolist() == [[0] * 5, [1] * 5, [1] * 5, [1] * 5]
+    assert found.values["points"] is readings.values["points"]
+    only_people = replace(BOTH, groups=(0,))
+    none = replace(readings, values={**readings.values, "group": np.zeros(20, np.int64)})
+    assert (settled(only_people, none).values["group"] == 0).all()

@@ -26,7 +26,7 @@ from lookonce.make.training.readings import Readings, read_features
 from lookonce.make.training.rendered import CrowdSource, knows_people
 from lookonce.make.training.sources import SequenceSource, Source, TrackedBoxes
 from lookonce.make.training.stills import StillsSource
-from lookonce.make.training.trainables import Head, Kind, kind_of, trainable_for
+from lookonce.make.training.trainables import Head, Kind, kind_of, settled, trainable_for
 from lookonce.make.training.validation import Validation, are_comparable, check_comparable
 from lookonce.model import DescriptorInfo, Model, ModelMetadata, available_cpus, describe_model
 from lookonce.video import open_video
@@ -119,7 +119,7 @@ def fit(
     kind = kind_of(config.kind, metadata)
     target = _device(device)
     threads = threads or available_cpus()
-    readings = _gather(model, metadata, data, kind, config, folder, threads, progress)
+    readings = settled(kind, _gather(model, metadata, data, kind, config, folder, threads, progress))
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:

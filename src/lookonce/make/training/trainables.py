@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +24,7 @@ from lookonce.make.training.objectives import contrastive_loss
 from lookonce.make.training.readings import Readings
 from lookonce.model import ModelMetadata
 
-__all__ = ["Head", "Kind", "kind_of", "trainable_for"]
+__all__ = ["Head", "Kind", "kind_of", "settled", "trainable_for"]
 
 _ROWS_FOR_STATISTICS = 2048  # of 32 points each; more would take much memory and change little
 _OF_ANY_CLASS = ("clips", "stills")  # kinds of sources that teach the networks of all classes
@@ -42,6 +43,21 @@ class Head(Trainable, Protocol):
 def kind_of(name: str, metadata: ModelMetadata) -> Kind:
     """The layout of a kind of head for one detector."""
     return PaperKind.of(metadata) if name == "paper" else CompactKind.of(metadata)
+
+
+def settled(kind: Kind, readings: Readings) -> Readings:
+    """The same readings, all rows of an identity for one network: that of most of its rows.
+
+    A view may be so small or blurred that the detector takes a car for a person; such an object would hardly be
+    detected. Of rendered people it is known what they are.
+    """
+    if isinstance(kind, PaperKind):
+        return readings
+    seen = np.bincount(readings.identity)
+    people = np.bincount(readings.identity, readings.values["group"])
+    is_rendered = np.array([name == "rendered people" for name in readings.kinds])[readings.source]
+    group = np.where(is_rendered, max(kind.groups), (2 * people > seen)[readings.identity]).astype(np.int64)
+    return replace(readings, values={**readings.values, "group": group})
 
 
 def trainable_for(kind: Kind, readings: Readings, config: FitConfig) -> Head:
