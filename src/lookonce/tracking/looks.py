@@ -14,7 +14,7 @@ __all__ = ["LATEST", "Looks", "median_of_three"]
 
 _NAMES = ("latest", "kept", "kept_squared", "seen", "view_count", "view_s")  # of what is saved
 LATEST = 3  # descriptors of which the reference is the element-wise median, as in the paper's section 3.3
-_CHUNK = 256  # pairs at once: half a megabyte of copies at 128 values, which stays in a processor's cache
+_CHUNK = 128  # pairs at once: half a megabyte of copies at 128 values and two views, which stays in a processor's cache
 
 
 class Looks:
@@ -108,13 +108,7 @@ class Looks:
             rows: (K,) of the pairs.
         """
         self.refresh(slots)
-        squared = np.empty(len(slots))
-        for begin in range(0, len(slots), _CHUNK):
-            chunk = slice(begin, begin + _CHUNK)
-            places, units = slots[chunk], descriptors.units.take(rows[chunk], axis=0)
-            nearest = self._apart(0, places, units)
-            self._nearest_view_(nearest, places, units)
-            squared[chunk] = nearest
+        squared = self._nearest(0, slots, descriptors.units, rows)
         lengths = descriptors.squared_lengths.take(rows)
         squared += lengths
         squared[lengths == 0] = np.inf
@@ -122,25 +116,23 @@ class Looks:
         squared /= SCALE
         return squared
 
-    def _nearest_view_(
-        self, nearest: NDArray[np.float64], slots: NDArray[np.int64], units: NDArray[np.float64]
-    ) -> None:
-        """Lowers ``nearest`` (K,) to the smallest ``_apart`` of the views, where that is less."""
-        counts = self.view_count.take(slots)
-        for view in range(1, 1 + min(int(counts.max()), self.views)):
-            having = (counts >= view).nonzero()[0]
-            if len(having) == len(slots):
-                np.minimum(nearest, self._apart(view, slots, units), out=nearest)
-            else:
-                apart = self._apart(view, slots[having], units.take(having, axis=0))
-                nearest[having] = np.minimum(nearest[having], apart)
+    def _nearest(
+        self, first: int, slots: NDArray[np.int64], units: NDArray[np.float64], rows: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(K,) squared distances of ``units`` (N, D) at ``rows`` (K,), less their own squared lengths.
 
-    def _apart(self, view: int, slots: NDArray[np.int64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(K,) squared distances of ``units`` (K, D) to a kept descriptor each, less their own squared lengths."""
-        apart: NDArray[np.float64] = np.einsum("kd,kd->k", self.kept[view].take(slots, axis=0), units)
+        Each is to the nearest of what is kept of one object, from number ``first`` on; infinite where that is nothing.
+        """
+        if len(slots) > _CHUNK:
+            parts = [slice(begin, begin + _CHUNK) for begin in range(0, len(slots), _CHUNK)]
+            return np.concatenate([self._nearest(first, slots[part], units, rows[part]) for part in parts])
+        end = 1 + max(first, min(int(self.view_count.take(slots).max(initial=0)), self.views))
+        kept = self.kept[first:end].take(slots, axis=1)  # (V, K, D)
+        apart: NDArray[np.float64] = (kept[:, :, None] @ units.take(rows, axis=0)[:, :, None])[..., 0, 0]
         apart *= -2.0
-        apart += self.kept_squared[view].take(slots)
-        return apart
+        apart += self.kept_squared[first:end].take(slots, axis=1)
+        nearest: NDArray[np.float64] = apart.min(axis=0)
+        return nearest
 
     def remember(
         self,
@@ -156,7 +148,7 @@ class Looks:
         """
         seen = self.seen[slots]
         wanted = (is_clean[rows] | (seen == 0)) & (descriptors.squared_lengths[rows] > 0)
-        if not wanted.all():
+        if np.count_nonzero(wanted) < len(rows):
             slots, rows, seen = slots[wanted], rows[wanted], seen[wanted]
         self.latest[seen % LATEST, slots] = descriptors.units.take(rows, axis=0)
         self.seen[slots] = seen + 1
@@ -164,7 +156,7 @@ class Looks:
         if self.views:
             due = (is_clean[rows] & (self.view_s[slots] + self.interval_s <= now_s)).nonzero()[0]
             if len(due):
-                self._view(slots[due], descriptors.part(rows[due]), now_s)
+                self._view(slots[due], descriptors, rows[due], now_s)
 
     def refresh(self, slots: NDArray[np.int64]) -> None:
         """Bring the references of objects up to date: only when somebody asks, because most never are asked for."""
@@ -180,21 +172,21 @@ class Looks:
         young = (seen < LATEST).nonzero()[0]
         if len(young):
             references[young] = latest[seen[young] - 1, young]
-        self.kept[0, stale] = references
-        self.kept_squared[0, stale] = np.einsum("sd,sd->s", references, references)
+        self.kept[0][stale] = references
+        self.kept_squared[0][stale] = Quantized.of(references).squared_lengths
 
-    def _view(self, slots: NDArray[np.int64], descriptors: Quantized, now_s: float) -> None:
-        """Keep descriptors (M, D) of the objects in ``slots`` (M,) as views, where they differ from those kept."""
+    def _view(self, slots: NDArray[np.int64], descriptors: Quantized, rows: NDArray[np.int64], now_s: float) -> None:
+        """Keep the rows (M,) of the objects in ``slots`` (M,) as views, where they differ from those kept."""
         self.view_s[slots] = now_s
-        nearest = np.full(len(slots), np.inf)
-        self._nearest_view_(nearest, slots, descriptors.units)
-        new = (nearest + descriptors.squared_lengths > (self.apart * SCALE) ** 2).nonzero()[0]
+        squared_lengths = descriptors.squared_lengths[rows]
+        nearest = self._nearest(1, slots, descriptors.units, rows)
+        new = (nearest + squared_lengths > (self.apart * SCALE) ** 2).nonzero()[0]
         if not len(new):
             return
         slots = slots[new]
         place = 1 + self.view_count[slots] % self.views
-        self.kept[place, slots] = descriptors.units[new]
-        self.kept_squared[place, slots] = descriptors.squared_lengths[new]
+        self.kept[place, slots] = descriptors.units[rows[new]]
+        self.kept_squared[place, slots] = squared_lengths[new]
         self.view_count[slots] += 1
 
 
