@@ -55,11 +55,11 @@ def _settle_few(
     rows: list[int], columns: list[int], weights: list[float], tolerance: float
 ) -> tuple[list[int], list[int]]:
     """``settle`` without arrays, which is faster for a handful of pairs."""
-    pairs = list(zip(rows, columns, weights, strict=True))
-    settled: list[int] = []
     left = list(range(len(rows)))
     if len(set(rows)) == len(set(columns)) == len(rows) and min(weights, default=0.0) > tolerance:
-        return left, settled
+        return left, []
+    pairs = list(zip(rows, columns, weights, strict=True))
+    settled: list[int] = []
     while left:
         by_row: dict[int, list[float]] = {}
         by_column: dict[int, list[float]] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import near_pairs
 
-__all__ = ["LARGEST_DEVIATION", "Frame", "Pairs", "find_pairs"]
+__all__ = ["LARGEST_DEVIATION", "Frame", "Pairs", "best_first", "find_pairs"]
 
 LARGEST_DEVIATION = 4.0
 """Standard deviations: pairs farther apart are not looked at."""
@@ -40,7 +41,6 @@ class Frame:
         overlaps: among all rows.
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
         has_jumped: (N,) bool, whether the object turns out to be a fast one.
-        order: (N,) int64, all rows, best first.
     """
 
     xyxy: NDArray[np.float64]
@@ -53,7 +53,13 @@ class Frame:
     overlaps: Overlaps
     object_of: NDArray[np.int64]
     has_jumped: NDArray[np.bool_]
-    order: NDArray[np.int64]
+
+
+def best_first(
+    scores: NDArray[np.float64], looks: Quantized | None
+) -> Callable[[int], tuple[np.float64, np.bool_ | bool, int]]:
+    """What rows are sorted by: falling ``scores`` (N,); of equal ones those with a descriptor, then in their order."""
+    return lambda row: (-scores[row], looks is not None and looks.squared_lengths[row] == 0, row)
 
 
 @dataclass(slots=True)
@@ -66,7 +72,7 @@ class Pairs:
         overlap: (K,) float64, IoU of the expected box and the detection.
         deviation: (K,) float64, distance from the expected place in standard deviations.
         is_jump: (K,) bool, likelier if the object is a fast one, seen once before.
-        distance: (K,) float64, of the descriptors; NaN where it was not looked at, infinite where there is none.
+        boxes: (4, P) float64, where the objects are expected.
         is_taken: (P,) bool, objects that have a row by now.
     """
 
@@ -76,29 +82,36 @@ class Pairs:
     overlap: NDArray[np.float64]
     deviation: NDArray[np.float64]
     is_jump: NDArray[np.bool_]
-    distance: NDArray[np.float64]
+    boxes: NDArray[np.float64]
     is_taken: NDArray[np.bool_]
 
 
-def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConfig) -> Pairs:
-    """Pairs within reach. Gains are logarithms of likelihood ratios: this object against one anywhere in the crowd."""
+def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, config: DefaultConfig) -> Pairs:
+    """Pairs within reach. Gains are logarithms of likelihood ratios: this object against one anywhere in the crowd.
+
+    Args:
+        objects: P of them, where they are expected now.
+        unseen_s: (P,) since when each was not seen.
+        frame: its rows.
+        config: the settings.
+    """
     values = objects.motions.values
     size = np.exp(values[2:4])
-    width, height = size
+    width, height = size[0], size[1]
     noise = (config.motion.place_noise * height) ** 2
     variance = values[6] + noise
     area = (config.crowd_box * height) ** 2 / (2 * math.pi)
     certainty = np.log(area / variance)
     may_jump = objects.hits == 1
-    has_jumpers = config.motion.jump_share > 0 and may_jump.any()
+    has_jumpers = config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0
     fast = variance, certainty
     if has_jumpers:
-        widened = objects.motions.widened(now_s - objects.seen_s, config.motion) + noise
+        widened = objects.motions.widened(unseen_s, config.motion) + noise
         fast_variance = np.where(may_jump, widened, variance)
         fast = fast_variance, np.log(area / fast_variance)
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
-    best = np.maximum(fast[1] + config.appearance_limit, 0)
-    reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2 * best)) * np.sqrt(fast[0])
+    best = np.maximum(fast[1] + config.appearance_limit, 0.0)
+    reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2.0 * best)) * np.sqrt(fast[0])
     reach = np.maximum(reach, _TOUCHING_REACH * np.maximum(width, height))
     of_object, rows = _near_rows(objects.motions.place, reach, frame)
     apart = frame.states.T.take(rows, axis=1)
@@ -117,19 +130,12 @@ def find_pairs(objects: Objects, frame: Frame, now_s: float, config: DefaultConf
         gains[jumps], deviation[jumps] = fast_gains[is_likelier], fast_deviation[is_likelier]
     size_variance = (values[9] + config.motion.size_noise**2)[of_object]
     gains += np.maximum(-0.5 * resized / size_variance, _WORST_SIZE)
-    gains[objects.labels[of_object] != frame.labels[rows]] -= config.class_penalty
-    boxes = boxes_around(values[:2], size)
-    overlap = iou_of_pairs(boxes.T.take(of_object, axis=1).T, frame.xyxy.T.take(rows, axis=1).T)
-    return Pairs(
-        of_object,
-        rows,
-        gains,
-        overlap,
-        deviation,
-        is_jump,
-        np.full(len(rows), np.nan),
-        np.zeros(len(size[0]), np.bool_),
-    )
+    others = (objects.labels[of_object] != frame.labels[rows]).nonzero()[0]
+    if len(others):
+        gains[others] -= config.class_penalty
+    boxes = boxes_around(values[:2], size).T
+    overlap = iou_of_pairs(boxes.take(of_object, axis=1).T, frame.xyxy.T.take(rows, axis=1).T)
+    return Pairs(of_object, rows, gains, overlap, deviation, is_jump, boxes, np.zeros(len(width), np.bool_))
 
 
 def _near_rows(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lookonce.distances import Quantized, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, GivenBack, Tracks
-from lookonce.tracking.candidates import Frame, Pairs, find_pairs
+from lookonce.tracking.candidates import Frame, Pairs, best_first, find_pairs
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.explaining import Notes, tell
@@ -86,50 +86,41 @@ class DefaultRule:
         self._numbers, self._frame_number = numbers, self.frame if frame_number is None else frame_number
         self._predict(step_s, camera)
         frame = self._look_at(detections)
-        pairs = find_pairs(self.objects, frame, self.now_s, self.config)
-        self._is_recent = self.now_s - self.objects.seen_s <= 1.01 * step_s + self.config.recent_s
+        unseen_s = self.now_s - self.objects.seen_s
+        pairs = find_pairs(self.objects, unseen_s, frame, self.config)
+        self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         self._match_all(frame, pairs)
-        is_clean = self._clean_rows(frame, pairs)
-        notes = self._note(frame, pairs, step_s) if self.explains else None
+        is_clean = self._clean_rows(frame, pairs, unseen_s)
+        notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
-        self._see(frame, rows, seen)
+        self._see(frame, rows, seen, unseen_s)
         ids, labels, given_back = self._answer(frame, rows, seen, detections)
-        self._end(step_s, size)
+        unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
         new = self._begin(frame, detections)
         if frame.looks is not None:
             if len(new):
                 slots, rows = np.concatenate([slots, self.objects.slots[-len(new) :]]), np.concatenate([rows, new])
             self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
-        unseen = ((self.objects.ids != NO_ID) & (self.objects.seen_s < self.now_s)).nonzero()[0]
-        unseen_boxes = self.objects.motions.boxes(unseen).astype(np.float32, order="C")
         return Tracks(
             ids,
             detections.xyxy,
             detections.scores,
             labels,
-            self.objects.ids[unseen],
+            unseen_ids,
             unseen_boxes,
             given_back=given_back,
             story=None if notes is None else tell(notes, ids, new, tuple(self._ended), self.config),
         )
 
-    def _note(self, frame: Frame, pairs: Pairs, step_s: float) -> Notes:
+    def _note(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float) -> Notes:
         """What the story of the frame needs, before anything changes."""
-        gains = pairs.gains.copy()
+        objects, gains, distances = self.objects, pairs.gains, np.full(len(pairs.gains), np.nan)
         if frame.looks is not None:
-            gains += self._likeness(self._distances(frame.looks, pairs, np.arange(len(gains))))
-        objects = self.objects
-        return Notes(frame, pairs, gains, objects.ids.copy(), objects.serials, self.now_s - objects.seen_s, step_s)
-
-    def _distances(self, looks: Quantized, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(C,) distances of the descriptors of the chosen pairs; each is looked at once."""
-        unknown = chosen[np.isnan(pairs.distance[chosen])]
-        if len(unknown):
-            slots = self.objects.slots[pairs.objects[unknown]]
-            pairs.distance[unknown] = self.looks.distances(slots, looks, pairs.rows[unknown])
-        return pairs.distance[chosen]
+            distances = self.looks.distances(objects.slots[pairs.objects], frame.looks, pairs.rows)
+            gains = gains + self._likeness(distances)
+        return Notes(frame, pairs, distances, gains, objects.ids.copy(), objects.serials, unseen_s, step_s)
 
     def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What distances of descriptors add to the gains; nothing where there is none."""
@@ -161,7 +152,7 @@ class DefaultRule:
         """Where the objects are now; those that a gap outlived are gone."""
         unseen_s = self.now_s - self.objects.seen_s
         gone = unseen_s > self.config.memory_s
-        if gone.any():
+        if np.count_nonzero(gone):
             if self.explains:
                 nothing = f"nothing came for {step_s:.1f} s" if step_s > self.config.memory_s else ""
                 self._note_ends(gone, [nothing or f"not seen for {unseen:.1f} s" for unseen in unseen_s])
@@ -175,20 +166,18 @@ class DefaultRule:
 
     def _look_at(self, detections: Detections) -> Frame:
         config = self.config
-        scores, columns = detections.scores.astype(np.float64), np.ascontiguousarray(detections.xyxy.T, np.float64)
+        scores, columns = detections.scores.astype(np.float64), np.array(detections.xyxy.T, np.float64, order="C")
         looks = None
         if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
             self.looks.check_size(detections.descriptors.shape[1])
             looks = quantize(detections.descriptors)
-        nobody = np.zeros(len(scores), np.bool_)
-        has_no_look = nobody if looks is None else looks.squared_lengths == 0
-        order = np.lexsort((has_no_look, -scores))  # best first; of equal ones those with a descriptor
-        overlaps, is_usable = self._overlaps(columns.T, order, scores >= config.low_score)
-        if is_usable.any():
-            usable = columns if is_usable.all() else columns[:, is_usable]
+        overlaps, is_usable = self._overlaps(columns.T, scores, looks)
+        usable_count = np.count_nonzero(is_usable)
+        if usable_count:
+            usable = columns if usable_count == len(scores) else columns[:, is_usable]
             low, high = self.extent[:2], self.extent[2:]
-            np.minimum(low, np.minimum.reduce(usable[:2], axis=1), out=low)
-            np.maximum(high, np.maximum.reduce(usable[2:], axis=1), out=high)
+            np.minimum(low, usable[:2].min(axis=1), out=low)
+            np.maximum(high, usable[2:].max(axis=1), out=high)
         return Frame(
             columns.T,
             box_states(columns.T),
@@ -199,58 +188,47 @@ class DefaultRule:
             is_usable & (scores >= config.high_score),
             overlaps,
             np.full(len(scores), -1),
-            nobody,
-            order,
+            np.zeros(len(scores), np.bool_),
         )
 
     def _overlaps(
-        self, xyxy: NDArray[np.float64], order: NDArray[np.int64], is_wanted: NDArray[np.bool_]
+        self, xyxy: NDArray[np.float64], scores: NDArray[np.float64], looks: Quantized | None
     ) -> tuple[Overlaps, NDArray[np.bool_]]:
-        """The boxes that overlap, and which wanted rows are no second boxes of one object (N,)."""
+        """The boxes that overlap, and which rows are neither too weak nor second boxes of one object (N,)."""
         config = self.config
+        is_wanted = scores >= config.low_score
         least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
         try:
             overlaps = overlaps_of(xyxy, least, _MOST_PAIRS)
         except TooManyPairsError:  # then only those that stay are looked at
+            order = np.array(sorted(range(len(scores)), key=best_first(scores, looks)))
             is_usable = thinned(xyxy, order, is_wanted, config.same_overlap)
             rows = np.flatnonzero(is_usable)
             among = overlaps_of(xyxy[rows], least)
             return Overlaps(rows[among.a], rows[among.b], among.overlap), is_usable
-        nobody = np.zeros(len(xyxy), np.bool_)
-        return overlaps, keep_best(overlaps.above(config.same_overlap), order, is_wanted, nobody)
+        twins = overlaps.above(config.same_overlap)
+        return overlaps, keep_best(twins, best_first(scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))
 
     def _match_all(self, frame: Frame, pairs: Pairs) -> None:
         """First the rows of high score and the confirmed objects, then the weaker rows, then the other objects."""
-        is_known = self.objects.ids != NO_ID
-        self._match(frame, pairs, is_known, frame.is_high, None)
-        if not np.count_nonzero(frame.is_usable & (frame.object_of < 0)):
+        is_known, is_high = self.objects.ids != NO_ID, frame.is_high[pairs.rows]
+        self._match(frame, pairs, (is_known[pairs.objects] & is_high).nonzero()[0])
+        left = _are_left(frame, pairs, pairs.objects, pairs.rows).nonzero()[0]
+        if not len(left):
             return
-        is_near = pairs.overlap >= self.config.low_overlap
-        self._match(frame, pairs, is_known & self._is_recent, frame.is_usable, is_near)
-        is_near |= frame.is_high[pairs.rows]
-        self._match(frame, pairs, ~is_known, frame.is_usable, is_near)
+        objects, is_near = pairs.objects[left], pairs.overlap[left] >= self.config.low_overlap
+        self._match(frame, pairs, left[is_near & (is_known & self._is_recent)[objects]])
+        left = left[~is_known[objects] & (is_near | is_high[left])]
+        self._match(frame, pairs, left[_are_left(frame, pairs, pairs.objects[left], pairs.rows[left])])
 
-    def _match(
-        self,
-        frame: Frame,
-        pairs: Pairs,
-        may_objects: NDArray[np.bool_],
-        may_rows: NDArray[np.bool_],
-        may_pairs: NDArray[np.bool_] | None,
-    ) -> None:
-        """Give rows that have no object yet the best of the objects that may take them."""
-        may_rows = may_rows & (frame.object_of < 0)
-        is_open = (may_objects & ~pairs.is_taken)[pairs.objects]
-        is_open &= may_rows[pairs.rows]
-        if may_pairs is not None:
-            is_open &= may_pairs
-        chosen = is_open.nonzero()[0]
+    def _match(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> None:
+        """Give rows the best of the objects that may take them; of the chosen pairs neither side is taken."""
         if not len(chosen):
             return
         safe = self._safe(frame, pairs, chosen)
         if len(safe):
             self._take(frame, pairs, safe)
-            chosen = chosen[~(pairs.is_taken[pairs.objects[chosen]] | (frame.object_of >= 0)[pairs.rows[chosen]])]
+            chosen = chosen[_are_left(frame, pairs, pairs.objects[chosen], pairs.rows[chosen])]
         chosen, gains = self._likely(frame, pairs, chosen)
         if len(chosen):
             self._take(frame, pairs, chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains)])
@@ -287,11 +265,12 @@ class DefaultRule:
         objects, rows = pairs.objects[chosen], pairs.rows[chosen]
         rivals = np.bincount(objects)[objects] + np.bincount(rows)[rows]
         asked = ((rivals > 2) | (gains <= limit)).nonzero()[0]  # the others are certain, whatever the look
-        gains[asked] += self._likeness(self._distances(frame.looks, pairs, chosen[asked]))
+        distances = self.looks.distances(self.objects.slots[objects[asked]], frame.looks, rows[asked])
+        gains[asked] += self._likeness(distances)
         positive = (gains > 0).nonzero()[0]
         return chosen[positive], gains[positive]
 
-    def _clean_rows(self, frame: Frame, pairs: Pairs) -> NDArray[np.bool_]:
+    def _clean_rows(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) bool: rows whose descriptor may be kept: sure of itself, and nothing else in the box."""
         is_clean = frame.is_high.copy()
         crowded = frame.overlaps.above(self.config.clean_overlap)
@@ -300,20 +279,22 @@ class DefaultRule:
             is_clean[crowded.a[both_high]] = False
             is_clean[crowded.b[both_high]] = False
         is_hidden = (self.objects.ids != NO_ID) & ~pairs.is_taken
-        is_hidden &= self.now_s - self.objects.seen_s < self.config.hidden_s
+        is_hidden &= unseen_s < self.config.hidden_s
         covers = is_hidden[pairs.objects] & (pairs.overlap > self.config.hidden_overlap)
         is_clean[pairs.rows[covers]] = False
         return is_clean
 
-    def _see(self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64]) -> None:
-        """What the matched rows (M,) say about their objects ``seen`` (M,)."""
+    def _see(
+        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], unseen_s: NDArray[np.float64]
+    ) -> None:
+        """What the matched rows (M,) say about their objects ``seen`` (M,), of all (P,) that were not for so long."""
         if not len(rows):
             return
         objects = self.objects
         jumped = frame.has_jumped[rows].nonzero()[0]
         if len(jumped):
             fast = seen[jumped]
-            objects.motions.widen_(fast, self.now_s - objects.seen_s[fast], self.config.motion)
+            objects.motions.widen_(fast, unseen_s[fast], self.config.motion)
         objects.motions.correct_(seen, frame.states.T.take(rows, axis=1).T, self.config.motion)
         objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence, self.moving)
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
@@ -342,27 +323,35 @@ class DefaultRule:
         box = detections.xyxy[row].copy()
         self.waiting.add(serial, WaitingRow(self._frame_number, number, box, score, label))
 
-    def _end(self, step_s: float, size: tuple[int, int] | None) -> None:
-        """Forget whom nobody has seen for too long, or who has left the picture."""
+    def _end(
+        self, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float, size: tuple[int, int] | None
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Forget whom nobody has seen for too long, or who has left the picture; ids (U,) and boxes of others unseen.
+
+        None of ``unseen_s`` (P,) is above the memory: those are gone already.
+        """
         objects, config = self.objects, self.config
-        unseen_s = self.now_s - objects.seen_s  # not more than the memory: those are gone already
         is_over = ~objects.is_real & (unseen_s > max(config.tentative_s, 1.01 * step_s))
         is_outside = self._are_outside(size)
         is_over |= is_outside & (unseen_s > config.leave_s)
-        if not is_over.any():
-            return
+        is_over &= ~pairs.is_taken
+        stay = ((objects.ids != NO_ID) & ~(pairs.is_taken | is_over)).nonzero()[0]
+        unseen = objects.ids[stay], pairs.boxes.take(stay, axis=1).T.astype(np.float32, order="C")
+        if not np.count_nonzero(is_over):
+            return unseen
         if self.explains:
             left = "left the picture"
-            unseen = [f"not seen for {one:.1f} s" for one in unseen_s.tolist()]
-            self._note_ends(is_over, [left if one else then for one, then in zip(is_outside, unseen, strict=True)])
+            times = [f"not seen for {one:.1f} s" for one in unseen_s.tolist()]
+            self._note_ends(is_over, [left if one else then for one, then in zip(is_outside, times, strict=True)])
         self._forget(is_over)
+        return unseen
 
     def _are_outside(self, size: tuple[int, int] | None) -> NDArray[np.bool_]:
         """(P,) bool: objects that are believed to be beyond the border of the picture."""
         if size is None and self.next_id <= _BORDERS:
             return np.zeros(len(self.objects), np.bool_)
         left, top, right, bottom = self.extent.tolist() if size is None else (0, 0, size[1], size[0])
-        x, y = self.objects.motions.place.T
+        x, y = self.objects.motions.values[0], self.objects.motions.values[1]
         is_outside: NDArray[np.bool_] = (x < left) | (x > right) | (y < top) | (y > bottom)
         return is_outside
 
@@ -383,7 +372,7 @@ class DefaultRule:
         if not np.count_nonzero(is_wanted):
             return np.zeros(0, np.intp)
         twins = frame.overlaps.above(self.config.duplicate_overlap)
-        rows = keep_best(twins, frame.order, is_wanted, ~is_free).nonzero()[0]
+        rows = keep_best(twins, best_first(frame.scores, frame.looks), is_wanted, ~is_free).nonzero()[0]
         rows = rows[np.argsort(-frame.scores[rows], kind="stable")]  # ids do not depend on the order of rows
         serials = np.arange(self.next_serial, self.next_serial + len(rows))
         self.next_serial += len(rows)
@@ -392,6 +381,13 @@ class DefaultRule:
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
             self._wait(serial, row, detections)
         return rows
+
+
+def _are_left(frame: Frame, pairs: Pairs, objects: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(K,) bool: pairs of objects (K,) and rows (K,) of which neither has been taken."""
+    are_left: NDArray[np.bool_] = frame.object_of[rows] < 0
+    are_left &= ~pairs.is_taken[objects]
+    return are_left
 
 
 def _nobody(config: DefaultConfig) -> Objects:

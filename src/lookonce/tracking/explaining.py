@@ -23,7 +23,8 @@ class Notes:
     """What was known when the frame's rows had been matched and nothing else had changed.
 
     Attributes:
-        frame, pairs: of the matching; all distances filled in.
+        frame, pairs: of the matching.
+        distances: (K,) float64, of the descriptors; infinite where one has none, NaN without appearance.
         gains: (K,) float64, of the pairs, with appearance.
         ids: (P,) int64, of the objects before the frame.
         serials: (P,) int64.
@@ -33,6 +34,7 @@ class Notes:
 
     frame: Frame
     pairs: Pairs
+    distances: NDArray[np.float64]
     gains: NDArray[np.float64]
     ids: NDArray[np.int64]
     serials: NDArray[np.int64]
@@ -121,7 +123,7 @@ def _why(candidates: tuple[Candidate, ...], gain: float, config: DefaultConfig) 
 
 def _candidate(notes: Notes, pair: int, taken: int, config: DefaultConfig) -> Candidate:
     pairs, place = notes.pairs, int(notes.pairs.objects[pair])
-    gain, distance = float(notes.gains[pair]), float(pairs.distance[pair])
+    gain, distance = float(notes.gains[pair]), float(notes.distances[pair])
     return Candidate(
         id=int(notes.ids[place]) if notes.ids[place] != NO_ID else None,
         gain=gain if math.isfinite(gain) else None,
@@ -142,7 +144,7 @@ def _refused(notes: Notes, pair: int, config: DefaultConfig) -> str:
     if pairs.deviation[pair] > LARGEST_DEVIATION:
         return f"more than {LARGEST_DEVIATION:g} standard deviations from where it was expected"
     if notes.gains[pair] <= 0:
-        likeness = config.match_threshold - pairs.distance[pair]
+        likeness = config.match_threshold - notes.distances[pair]
         return "looks different" if math.isfinite(likeness) and likeness < 0 else "place and size make it unlikely"
     others = np.flatnonzero(frame.object_of == place)
     return f"taken by row {int(others[0])}" if len(others) else ""

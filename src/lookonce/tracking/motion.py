@@ -122,12 +122,16 @@ class Motions:
     def predict_(self, step_s: float, is_unseen: NDArray[np.bool_], config: MotionConfig) -> None:
         """Changes the filters to what is to be expected ``step_s`` later; ``is_unseen`` (P,) before the step."""
         place, velocity = self.values[:2], self.values[4:6]
-        variance, covariance, velocity_variance, size_variance = self.values[6:]
+        variance, covariance, velocity_variance, size_variance = _variances(self.values)
         squared_height = np.exp(2 * self.values[3])
         noise = (config.acceleration**2) * squared_height
         noise += (config.acceleration_share**2) * squared_lengths(velocity.T)
         place += velocity * step_s
-        velocity *= np.where(is_unseen, np.exp(-step_s / config.slow_down_s), 1.0)
+        unseen = is_unseen.nonzero()[0]
+        if len(unseen):
+            kept = np.exp(-step_s / config.slow_down_s)
+            for speed in (self.values[4], self.values[5]):  # one by one: NumPy is slow with two dimensions
+                speed[unseen] *= kept
         grown = velocity_variance * step_s
         variance += (2 * covariance + grown) * step_s
         variance += noise * (step_s**3 / 3)
@@ -147,17 +151,18 @@ class Motions:
     def correct_(self, objects: NDArray[np.intp], states: _F, config: MotionConfig) -> None:
         """Changes the filters of ``objects`` (M,) by what was seen of them, ``box_states`` (M, 4)."""
         values, seen = self.values.take(objects, axis=1), states.T
-        place, log_size, velocity = values[:2], values[2:4], values[4:6]
-        variance, covariance, velocity_variance, size_variance = values[6:]
+        variance, covariance, velocity_variance, size_variance = _variances(values)
         total = variance + (config.place_noise * np.exp(seen[3])) ** 2
-        place_gain, velocity_gain = values[6:8] / total
-        surprise = seen[:2] - place
-        place += place_gain * surprise
-        velocity += velocity_gain * surprise
-        velocity_variance -= velocity_gain * covariance
-        values[6:8] -= place_gain * values[6:8]
+        place_gain, velocity_gain = variance / total, covariance / total
         size_gain = size_variance / (size_variance + config.size_noise**2)
-        log_size += size_gain * (seen[2:] - log_size)
+        surprise = seen - values[:4]
+        for axis in (0, 1):  # one by one: NumPy is slow to repeat a row
+            values[axis] += place_gain * surprise[axis]
+            values[2 + axis] += size_gain * surprise[2 + axis]
+            values[4 + axis] += velocity_gain * surprise[axis]
+        velocity_variance -= velocity_gain * covariance
+        variance -= place_gain * variance
+        covariance -= place_gain * covariance
         size_variance *= 1 - size_gain
         self.values[:, objects] = values
 
@@ -184,15 +189,19 @@ class Motions:
         self.values[6:9] *= growth
         self.values[2:4] += 0.5 * np.log(growth)
 
-    def boxes(self, objects: NDArray[np.intp] | None = None) -> _F:
-        """(M, 4) float64 xyxy where ``objects`` (M,), by default all, are believed to be."""
-        state = self.values[:4] if objects is None else self.values[:4].take(objects, axis=1)
-        return boxes_around(state[:2], np.exp(state[2:]))
+    def boxes(self) -> _F:
+        """(P, 4) float64 xyxy where the objects are believed to be."""
+        return boxes_around(self.values[:2], np.exp(self.values[2:4]))
+
+
+def _variances(values: _F) -> tuple[_F, _F, _F, _F]:
+    """Of place, place with velocity, velocity and size: the last rows of ``Motions.values``."""
+    return values[6], values[7], values[8], values[9]  # unpacking an array is slow
 
 
 def boxes_around(centre: _F, size: _F) -> _F:
     """Boxes xyxy (N, 4) of ``centre`` (2, N) and ``size`` (2, N), x before y."""
-    half = size / 2
+    half = size * 0.5
     boxes = np.empty((4, len(half[0])))
     np.subtract(centre, half, out=boxes[:2])
     np.add(centre, half, out=boxes[2:])
@@ -207,7 +216,7 @@ def moved(points: _F, affine: _F) -> _F:
 
 def squared_lengths(vectors: _F) -> _F:
     """(N,) of N vectors (N, 2)."""
-    x, y = vectors.T
+    x, y = vectors[:, 0], vectors[:, 1]
     squared: _F = x * x
     squared += y * y
     return squared
@@ -219,7 +228,7 @@ def box_states(xyxy: NDArray[np.floating]) -> _F:
     low, high = corners[:2], corners[2:]
     states = np.empty(corners.shape)
     np.add(low, high, out=states[:2])
-    states[:2] /= 2
+    states[:2] *= 0.5
     np.subtract(high, low, out=states[2:])
     np.log(states[2:], out=states[2:])
     return states.T

@@ -110,8 +110,10 @@ class Objects:
         motions: Motions,
     ) -> None:
         self._whole, self._values, self.is_real, self.motions = whole, values, is_real, motions
-        self.serials, self.ids, self.slots, self.labels, self.hits, self.travels = whole
-        self.votes, self.seen_s, self.score_mean, self.score_peak, self.travel_s = values[:5]
+        self.serials, self.ids, self.slots = whole[0], whole[1], whole[2]  # unpacking an array is slow
+        self.labels, self.hits, self.travels = whole[3], whole[4], whole[5]
+        self.votes, self.seen_s, self.score_mean = values[0], values[1], values[2]
+        self.score_peak, self.travel_s = values[3], values[4]
         self.anchor: NDArray[np.float64] = values[5:].T
 
     def __len__(self) -> int:
@@ -170,10 +172,11 @@ class Objects:
         self.seen_s[objects] = now_s
         self.hits[objects] = hits = self.hits[objects] + 1
         mean = self.score_mean[objects]
-        mean += (scores - mean) / np.minimum(hits, 3)
+        mean += (scores - mean) / np.minimum(hits, 3.0)
         self.score_mean[objects] = mean
         has_enough = hits >= config.hits
-        self.score_peak[objects] = peak = np.maximum(np.where(has_enough, mean, 0.0), faded)
+        mean[~has_enough] = 0.0
+        self.score_peak[objects] = peak = np.maximum(mean, faded, out=mean)
         self._travel_(objects, now_s, config)
         is_moving = self.travels[objects] >= config.travels
         is_moving &= now_s - self.travel_s[objects] <= config.travel_memory_s
@@ -188,15 +191,19 @@ class Objects:
         arrived = (way[0] + way[1] > config.travel**2 * np.exp(state[2] + state[3])).nonzero()[0]
         if len(arrived):
             objects = objects[arrived]
-            anchor[:, objects] = state[:2, arrived]
+            for axis in (0, 1):
+                anchor[axis][objects] = state[axis][arrived]
             self.travels[objects] += 1
             self.travel_s[objects] = now_s
 
     def _vote_(self, objects: NDArray[np.int64], labels: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
         """Majority vote after Boyer and Moore, weighted by score: one class is ahead, others take from its lead."""
-        is_same = self.labels[objects] == labels
-        votes = self.votes[objects] + np.where(is_same, scores, -scores)
+        votes = self.votes[objects]
+        is_other = self.labels[objects] != labels
+        if np.count_nonzero(is_other):
+            scores = np.where(is_other, -scores, scores)
+        votes += scores
         beaten = (votes < 0).nonzero()[0]
         if len(beaten):
             self.labels[objects[beaten]] = labels[beaten]
-        self.votes[objects] = np.minimum(np.abs(votes), _MOST_VOTES)
+        self.votes[objects] = np.minimum(np.abs(votes, out=votes), _MOST_VOTES)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ _MOST_SWEPT = 1 << 20  # pairs of boxes of which one lies over, under or on the 
 
 @dataclass(frozen=True, slots=True)
 class Overlaps:
-    """Pairs of rows whose boxes overlap, each pair once.
+    """Pairs of rows whose boxes overlap, each pair once, in any order.
 
     Attributes:
         a, b: (K,) rows; a < b.
@@ -43,10 +45,11 @@ def overlaps_of(xyxy: NDArray[np.float64], least: float, most: int | None = None
         TooManyPairsError: about ``most`` pairs or more are near each other; it takes no memory for them.
     """
     columns = xyxy.T  # (4, N)
-    left, _, right, _ = columns
+    left, right = columns[0], columns[2]
     order = left.argsort(kind="stable")
     begin, end = np.arange(1, len(xyxy) + 1), left[order].searchsorted(right[order])
-    if int(np.add.reduce(end - begin)) <= min(_MOST_SWEPT, _MOST_SWEPT if most is None else most):
+    limit = _MOST_SWEPT if most is None else min(_MOST_SWEPT, most)
+    if len(xyxy) ** 2 <= limit or int(np.add.reduce(end - begin)) <= limit:
         low, high = _meeting(columns, order, begin, end)
     else:
         low, high = _near(xyxy, most)
@@ -61,14 +64,12 @@ def _meeting(
 
     Which of these have heights in common is looked at pair by pair.
     """
-    _, top, _, bottom = columns
+    top, bottom = columns[1], columns[3]
     first, second = expanded(begin, end)
     first, second = order[first], order[second]
     meets = ((top[first] < bottom[second]) & (top[second] < bottom[first])).nonzero()[0]
     first, second = first[meets], second[meets]
-    code = np.minimum(first, second) * len(order) + np.maximum(first, second)
-    code.sort()
-    return unravelled(code, len(order))
+    return np.minimum(first, second), np.maximum(first, second)
 
 
 def _near(xyxy: NDArray[np.float64], most: int | None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -99,26 +100,27 @@ def thinned(
 
 
 def keep_best(
-    overlaps: Overlaps, order: NDArray[np.int64], is_wanted: NDArray[np.bool_], is_set: NDArray[np.bool_]
+    overlaps: Overlaps, key: Callable[[int], Any], is_wanted: NDArray[np.bool_], is_set: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Which wanted rows stay when each yields to those set already and to better ones that stay: (N,) bool.
 
     Args:
         overlaps: pairs that are one object.
-        order: (N,) rows, best first.
+        key: what to sort rows by, best first.
         is_wanted: (N,) rows that want to stay.
         is_set: (N,) rows that are there already.
     """
     stays = is_wanted & ~is_set
     if not len(overlaps.a):
         return stays
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
     rivals: dict[int, list[int]] = {}
     for a, b in zip(overlaps.a.tolist(), overlaps.b.tolist(), strict=True):
         rivals.setdefault(a, []).append(b)
         rivals.setdefault(b, []).append(a)
-    for row in sorted(rivals, key=rank.__getitem__):
-        if stays[row] and any(is_set[other] or (stays[other] and rank[other] < rank[row]) for other in rivals[row]):
-            stays[row] = False
+    best: set[int] = set()
+    for row in sorted(rivals, key=key):
+        if stays[row]:
+            stays[row] = not any(is_set[other] or other in best for other in rivals[row])
+            if stays[row]:
+                best.add(row)
     return stays

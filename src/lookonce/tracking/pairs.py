@@ -36,9 +36,9 @@ def near_pairs(
     """
     if len(places) * len(points) <= _DENSE:
         apart = places.T[:, :, None] - points.T[:, None]  # (2, P, N)
-        near_x, near_y = np.abs(apart, out=apart) <= reach[:, None]
-        near_x &= near_y
-        return unravelled(near_x.ravel().nonzero()[0], len(points))  # np.nonzero of two dimensions is slow
+        np.abs(apart, out=apart)
+        near = np.maximum(apart[0], apart[1], out=apart[0]) <= reach[:, None]
+        return unravelled(near.ravel().nonzero()[0], len(points))  # np.nonzero of two dimensions is slow
     return _by_grid(places, reach, points, most)
 
 
