@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lookonce.make.descriptors.anchors import rows_of_boxes
+from lookonce.make.descriptors.anchors import labels_of_names, rows_of_boxes
 
-FIELDS = {"image_index", "boxes", "scores", "scale", "cell", "anchor"}
+FIELDS = {"image_index", "boxes", "scores", "labels", "scale", "cell", "anchor"}
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +73,7 @@ def test_every_field_has_a_row_for_each_box(metadata, count):
     assert {name for name in FIELDS if rows[name].dtype == np.int64} == FIELDS - {"boxes", "scores"}
     np.testing.assert_array_equal(rows["boxes"], boxes)
     assert (rows["image_index"] == 0).all()
+    assert (rows["labels"] == -1).all()
 
 
 def test_rows_keep_their_order_and_picture(metadata):
@@ -82,3 +83,10 @@ def test_rows_keep_their_order_and_picture(metadata):
     assert rows["scale"].tolist() == [0, 1, 1]
     assert rows["cell"].tolist() == [1, 0, 9]
     assert rows["anchor"].tolist() == [0, 0, 1]
+
+
+def test_classes_are_found_by_name(describe):
+    metadata = describe([], [(32, [(10, 10)], "a", "a")], names=("Person", "car", "people", "Car"))
+    found = labels_of_names(metadata, ("car", "pedestrian", "objects", "PERSON", "CAR"))
+    assert found.tolist() == [1, 0, -1, 0, 1]
+    assert labels_of_names(metadata, ()).tolist() == []

@@ -146,7 +146,9 @@ def test_given_rows_have_the_class_that_the_detector_sees_there(model, pictures)
         }.items()
     }
     rows["scale"] = np.repeat(np.arange(len(grids)), [grid[0].size for grid in grids])
-    read = RowReader(model.path, lambda g, rows, features: {"labels": rows.labels})(pictures, rows)
+    rows["labels"] = np.full(len(rows["scale"]), -1)
+    reader = RowReader(model.path, lambda g, rows, features: {"labels": rows.labels})
+    read = reader(pictures, rows)
     raw, _ = torch_maps(model.cfg, model.weights, pictures, features=[4])
     classes = len(metadata.names)
     expected = [
@@ -155,6 +157,7 @@ def test_given_rows_have_the_class_that_the_detector_sees_there(model, pictures)
     assert classes > 1
     assert len(set(read["labels"])) == classes
     assert (read["labels"] == np.concatenate(expected)).mean() > 0.999  # but for ties
+    np.testing.assert_array_equal(reader(pictures, rows | {"labels": rows["scale"]})["labels"], rows["scale"])
 
 
 def test_names_of_what_is_read_are_free(model, pictures):

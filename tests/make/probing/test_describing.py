@@ -1,4 +1,5 @@
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,6 +38,22 @@ def test_detections_are_the_same_objects_where_all_are_found(squares, square_mod
     np.testing.assert_allclose(found.xyxy, truth.xyxy, atol=0.1)
     np.testing.assert_allclose(found.objects.descriptors, truth.objects.descriptors, atol=1e-5)
     assert found.tallies == truth.tallies
+
+
+def test_truth_boxes_are_read_as_what_the_truth_says_they_are(squares, square_model):
+    """By name; where the model has no such class, it decides for itself."""
+    reader, asked = open_reader(square_model), []
+
+    class Spy:
+        path, metadata = reader.path, replace(reader.metadata, names=("car", "people"))
+
+        def __call__(self, canvas, placed, xyxy, labels):
+            asked.append(labels.tolist())
+            return reader(canvas, placed, xyxy, np.full(len(xyxy), -1))
+
+    for classes in (("pedestrian",), ("square",)):
+        read_sequences(Spy(), [replace(squares[0], classes=classes)], every=6)
+    assert asked == [[1, 1, 1], [1, 1, 1], [-1, -1, -1], [-1, -1, -1]]
 
 
 def test_objects_that_are_not_detected_are_counted(tmp_path, square_model):

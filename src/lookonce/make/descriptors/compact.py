@@ -24,15 +24,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from lookonce.make.descriptors.anchors import PEOPLE_CLASSES
 from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
 from lookonce.model.metadata import Feature, ModelMetadata
 
-__all__ = ["PEOPLE_CLASSES", "CompactHead", "CompactKind"]
-
-PEOPLE_CLASSES = frozenset(("person", "pedestrian", "people"))
-"""Names of classes, in small letters, whose objects are people."""
+__all__ = ["CompactHead", "CompactKind"]
 
 _ROWS, _COLUMNS = 8, 4  # points over a box; taller than wide, for persons; vehicles lose nothing by it
 _POINTS = _ROWS * _COLUMNS

@@ -1,7 +1,7 @@
 """Model files opened again: to read at given boxes, and to carry other descriptors.
 
-Nothing that leads to a detection is touched: descriptor heads are taken off and put on behind it. A given box has the
-class that the detector sees there.
+Nothing that leads to a detection is touched: descriptor heads are taken off and put on behind it. A given box of
+which nobody says what it is has the class that the detector sees there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class RowReader:
     Args:
         path: a model file.
         write: appends operators to the graph and names what is to be read; gets the rows of the detections, here
-            given from outside, their labels as the detector sees them, and the features by name.
+            given from outside, and the features by name.
         provider: ``cpu`` or ``cuda``.
         threads: for one inference.
 
@@ -48,12 +48,14 @@ class RowReader:
         self.path = path
         self.metadata, model = _open(path)
         rows, features = _rows(path, model), _features(path, model, self.metadata)
-        given = {name: _given(name) for name in rows if name != "labels"}
+        given = {name: _given(name) for name in rows}
         g = GraphWriter(model.graph)
-        labels = _write_labels(g, self.metadata, given, _raw_maps(path, self.metadata, features))
+        is_unknown = g("Less", given["labels"], g.constant(0))
+        seen = _write_seen_labels(g, self.metadata, given, _raw_maps(path, self.metadata, features))
+        used = given | {"labels": g("Where", is_unknown, seen, given["labels"])}
         for name, row in rows.items():
-            ir.convenience.replace_all_uses_with(row, given.get(name, labels))
-        read = write(g, SelectedDetections(labels=labels, **given), features)
+            ir.convenience.replace_all_uses_with(row, used[name])
+        read = write(g, SelectedDetections(**used), features)
         outputs = {name: g("Identity", value) for name, value in read.items()}  # it may be a given row, or read twice
         self._outputs = {name: str(value.name) for name, value in outputs.items()}
         model.graph.outputs[:] = list(outputs.values())
@@ -68,7 +70,7 @@ class RowReader:
 
         Args:
             canvases: pictures (B, H, W, 3) uint8 RGB of the network's size.
-            rows: N values for each field of ``SelectedDetections`` that is read, but the labels.
+            rows: N values for each field of ``SelectedDetections`` that is read; a label may be ``UNKNOWN_CLASS``.
         """
         feed = {"images": canvases} | {f"given_{name}": rows[name] for name in self._inputs}
         values = run_session(self.path, self._session, feed, list(self._outputs.values()))
@@ -180,7 +182,7 @@ def _has_filters(convolution: ir.Node, count: int) -> bool:
     return weight is not None and weight.const_value is not None and weight.const_value.shape[0] == count
 
 
-def _write_labels(
+def _write_seen_labels(
     g: GraphWriter, metadata: ModelMetadata, rows: Mapping[str, ir.Value], raw_maps: Sequence[ir.Value]
 ) -> ir.Value:
     """(N,) int64: the class that is most probable at each row's own anchor."""

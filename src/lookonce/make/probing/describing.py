@@ -15,6 +15,7 @@ from lookonce.datasets import LabelledSequence
 from lookonce.errors import VideoError
 from lookonce.evaluation import DescribedObjects
 from lookonce.letterbox import Fit, Letterboxer
+from lookonce.make.descriptors.anchors import labels_of_names
 from lookonce.make.probing.reading import BoxReader, SeenBoxes, TruthReader
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 from lookonce.video.opening import one_line
@@ -137,13 +138,14 @@ def _read_sequence_(
         log.warning(
             "%s: states no frame rate; %g frames per second are assumed (--fps)", one_line(sequence.name), _USUAL_RATE
         )
+    labels = labels_of_names(reader.metadata, sequence.classes)
     done = truth_boxes = found_boxes = described_boxes = 0
     with open_video(sequence.pictures, every=every, fps=sequence.fps if fps is None else fps) as video:
         letterboxed = _letterboxed(sequence, video, truth.keys(), reader.metadata.size)
         with prefetch(letterboxed, depth=_FRAMES_AHEAD) as prepared:
             for frame, canvas, placed in prepared:
                 objects = truth[frame.index]
-                seen = reader(canvas, placed, objects.xyxy)
+                seen = reader(canvas, placed, objects.xyxy, labels[objects.labels])
                 kept = np.flatnonzero(_has_length(seen.descriptors))
                 rows.add(number, frame, objects.identities[seen.rows[kept]], seen[kept])
                 done, truth_boxes = done + 1, truth_boxes + len(objects)

@@ -59,13 +59,16 @@ class BoxReader(Protocol):
         """What it says about itself."""
         ...
 
-    def __call__(self, canvas: NDArray[np.uint8], placed: Fit, xyxy: NDArray[np.float32]) -> SeenBoxes:
+    def __call__(
+        self, canvas: NDArray[np.uint8], placed: Fit, xyxy: NDArray[np.float32], labels: NDArray[np.int64]
+    ) -> SeenBoxes:
         """What is seen of N truth boxes.
 
         Args:
             canvas: (H, W, 3) uint8 RGB of the network's size.
             placed: where the picture lies in it.
             xyxy: (N, 4) float32, truth boxes in px of the picture.
+            labels: (N,) int64, their classes as the model's labels; ``UNKNOWN_CLASS`` where it has no such class.
         """
         ...
 
@@ -115,9 +118,11 @@ class TruthReader:
         """What it says about itself."""
         return self._describer.metadata
 
-    def __call__(self, canvas: NDArray[np.uint8], placed: Fit, xyxy: NDArray[np.float32]) -> SeenBoxes:
+    def __call__(
+        self, canvas: NDArray[np.uint8], placed: Fit, xyxy: NDArray[np.float32], labels: NDArray[np.int64]
+    ) -> SeenBoxes:
         """All N boxes, in their order."""
-        boxes = rows_of_boxes(self.metadata, placed.to_network(xyxy))
+        boxes = rows_of_boxes(self.metadata, placed.to_network(xyxy), labels=labels)
         descriptors = self._describer(canvas[np.newaxis], boxes)[DESCRIPTORS]
         return SeenBoxes(np.arange(len(xyxy)), xyxy, descriptors, _grids(boxes))
 
@@ -140,8 +145,10 @@ class DetectionReader:
         """What it says about itself."""
         return self._model.metadata
 
-    def __call__(self, canvas: NDArray[np.uint8], placed: Fit, xyxy: NDArray[np.float32]) -> SeenBoxes:
-        """The truth boxes that were found, in their order."""
+    def __call__(
+        self, canvas: NDArray[np.uint8], placed: Fit, xyxy: NDArray[np.float32], labels: NDArray[np.int64]
+    ) -> SeenBoxes:
+        """The truth boxes that were found, in their order; each is read as the class that it was found as."""
         (found,) = self._model.run(canvas[np.newaxis], [placed])
         rows, partners = pair_by_overlap(xyxy, found.xyxy)
         assert found.descriptors is not None  # the model has some

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from PIL import Image
 
-from lookonce.make.descriptors.compact import PEOPLE_CLASSES
+from lookonce.make.descriptors.anchors import PEOPLE_CLASSES
 from lookonce.make.training.augment import View, maybe_jpeg
 from lookonce.make.training.pictures import open_picture
 from lookonce.make.training.sources import ALWAYS, Canvas, Task, canvas_of_view
