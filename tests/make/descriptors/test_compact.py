@@ -190,7 +190,10 @@ def test_graph_equals_pytorch(metadata, random_maps, run_reading, run_head, rand
 @pytest.mark.parametrize(
     ("names", "groups"),
     [
-        pytest.param(("person", "bicycle", "car"), (1, 0, 0), id="both"),
+        pytest.param(("person", "bus", "car"), (1, 0, 0), id="both"),
+        pytest.param(("car", "Person", "bicycle", "motorbike"), (0, 1, 1, 1), id="riders-are-people"),
+        pytest.param(("bicycle", "car"), (0, 0), id="riders-without-people"),
+        pytest.param(("person", "bicycle"), (0, 0), id="nothing-else"),
         pytest.param(("Pedestrian", "PEOPLE", "car"), (1, 1, 0), id="any-letters"),
         pytest.param(("car", "bus"), (0, 0), id="no-people"),
         pytest.param(("person", "people"), (0, 0), id="only-people"),

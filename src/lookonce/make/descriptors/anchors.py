@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from lookonce.model.metadata import ModelMetadata
 
-__all__ = ["PEOPLE_CLASSES", "UNKNOWN_CLASS", "labels_of_names", "rows_of_boxes"]
+__all__ = ["PEOPLE_CLASSES", "TWO_WHEELER_CLASSES", "UNKNOWN_CLASS", "labels_of_names", "rows_of_boxes"]
 
 PEOPLE_CLASSES = frozenset(("person", "pedestrian", "people"))
 """Names of classes, in small letters, whose objects are people."""
+TWO_WHEELER_CLASSES = frozenset(("bicycle", "bike", "motorcycle", "motorbike", "cyclist", "rider"))
+"""The same of those that carry a person, whom detectors take for either from frame to frame."""
 UNKNOWN_CLASS = -1
 """The label of a given box of which nobody says what it is: then it has the class that the detector sees there."""
 

@@ -6,8 +6,8 @@ object from background, give the weights of K attention heads. Each head average
 attends to, beginning as a horizontal stripe of the box; the joined averages are projected to a vector of unit length.
 The descriptor belongs to the box, not to the grid or anchor that happened to find it, and survives a change of scale.
 
-What tells people apart does not tell vehicles apart. Where the detector knows people and other things, people have a
-network of their own; each row is read by one of the two, chosen by its class.
+What tells people apart does not tell vehicles apart. Where the detector knows people and other things, people (and who
+rides a two-wheeler) have a network of their own; each row is read by one of the two, chosen by its class.
 
 In the model file the later maps are brought to the width of the gate's hidden layer *before* they are read: both steps
 are linear, so their order changes nothing but the cost. RoiAlign is what costs most, and it costs by the channel.
@@ -24,7 +24,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from lookonce.make.descriptors.anchors import PEOPLE_CLASSES
+from lookonce.make.descriptors.anchors import PEOPLE_CLASSES, TWO_WHEELER_CLASSES
 from lookonce.make.descriptors.head import DESCRIPTOR_SIZE
 from lookonce.make.export.detections import SelectedDetections
 from lookonce.make.export.graph import GraphWriter
@@ -48,7 +48,8 @@ class CompactKind:
     Attributes:
         features: the maps that are read, finest first; the first gives the embedding.
         size: the network's input (height, width) in px.
-        groups: by label, which network reads the class: 1 people, 0 all else; all 0 where there are not both.
+        groups: by label, which network reads the class: 1 people and who rides a two-wheeler, 0 all else; all 0 for
+            a detector that knows no people, or nothing else.
     """
 
     features: tuple[Feature, ...]
@@ -64,10 +65,8 @@ class CompactKind:
         for feature in sorted(backbone, key=lambda f: (f.stride_px, f.channels)):
             narrowest.setdefault(feature.stride_px, feature)
         chosen = [narrowest[stride] for stride in _STRIDES_PX if stride in narrowest]
-        groups = [int(name.lower() in PEOPLE_CLASSES) for name in metadata.names]
-        if all(groups):
-            groups = [0] * len(groups)
-        return cls(tuple(chosen or list(narrowest.values())[: len(_STRIDES_PX)]), metadata.size, tuple(groups))
+        features = tuple(chosen or list(narrowest.values())[: len(_STRIDES_PX)])
+        return cls(features, metadata.size, _groups([name.lower() for name in metadata.names]))
 
     @property
     def name(self) -> str:
@@ -135,6 +134,12 @@ class CompactKind:
             # Flat: ONNX Runtime fuses a transposition into a product of 3-D values, and that fails for N = 0.
             points.append(g("Flatten", g("Transpose", read, perm=[0, 2, 3, 1]), axis=3))
         return points
+
+
+def _groups(names: Sequence[str]) -> tuple[int, ...]:
+    people = [name in PEOPLE_CLASSES for name in names]
+    groups = [int(name in PEOPLE_CLASSES or name in TWO_WHEELER_CLASSES) for name in names]
+    return tuple(groups if any(people) and not all(groups) else [0] * len(groups))
 
 
 class CompactHead(nn.Module):

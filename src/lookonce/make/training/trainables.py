@@ -49,14 +49,16 @@ def settled(kind: Kind, readings: Readings) -> Readings:
     """The same readings, all rows of an identity for one network: that of most of its rows.
 
     A view may be so small or blurred that the detector takes a car for a person; such an object would hardly be
-    detected. Of rendered people it is known what they are.
+    detected. Of what is rendered it is known what it is.
     """
     if isinstance(kind, PaperKind):
         return readings
     seen = np.bincount(readings.identity)
     people = np.bincount(readings.identity, readings.values["group"])
-    is_rendered = np.array([name == "rendered people" for name in readings.kinds])[readings.source]
-    group = np.where(is_rendered, max(kind.groups), (2 * people > seen)[readings.identity]).astype(np.int64)
+    group = (2 * people > seen)[readings.identity].astype(np.int64)
+    of_kind = np.array(readings.kinds)[readings.source]
+    group[of_kind == "rendered people"] = max(kind.groups)
+    group[of_kind == "rendered vehicles"] = 0
     return replace(readings, values={**readings.values, "group": group})
 
 
