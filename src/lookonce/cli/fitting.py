@@ -82,7 +82,7 @@ def fit_command(
     collages: Annotated[int | None, _setting("Collages each object of a still is put into [4].")] = None,
     variants: Annotated[int | None, _setting("Identities made of each object by other colours [1].")] = None,
     crowds: Annotated[
-        int | None, _setting("Rendered crowds of people, and of vehicles, to learn from too [120].")
+        int | None, _setting("Rendered crowds of 28 people to learn from too, for a detector of people [120].")
     ] = None,
     sequence_frames: Annotated[int | None, _setting("Frames taken of a sequence or video at most [300].")] = None,
     score: Annotated[float | None, _setting("Least confidence of detections that stand in for labels [0.4].")] = None,

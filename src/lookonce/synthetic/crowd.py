@@ -1,7 +1,7 @@
-"""Crowds for descriptors to learn from: many that look alike, seen again and again in other poses and places.
+"""Crowds for descriptors to learn from: many people who look alike, seen again and again in other poses and places.
 
 A still shows an object once, and what is done to the picture changes neither how somebody walks nor where they look.
-Here a few dozen people, or vehicles, stand before any picture, and in each frame of it elsewhere, turned otherwise, in
+Here a few dozen people stand before any picture, and in each frame of it elsewhere, turned otherwise, in
 another step, partly behind each other. The camera, the light and the optics are those of one place, so what remains to
 tell them apart is how they look.
 """
@@ -9,7 +9,6 @@ tell them apart is how they look.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,60 +17,32 @@ from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
 from lookonce.synthetic.camera import Camera
-from lookonce.synthetic.crowd_members import alike_people, alike_vehicles
+from lookonce.synthetic.crowd_members import alike_people
 from lookonce.synthetic.fleet import Member
 from lookonce.synthetic.light import Light
 from lookonce.synthetic.painting import Tile, paint_tile
 from lookonce.synthetic.people import draw_person
 from lookonce.synthetic.projecting import Placed, project
 
-__all__ = ["PEOPLE", "VEHICLES", "Crowd", "CrowdKind", "CrowdPicture"]
+__all__ = ["MEMBERS", "Crowd", "CrowdPicture"]
+
+MEMBERS = 28
+"""People in a crowd."""
 
 Floats = NDArray[np.float64]
 
-_MOST_OUTSIDE = 0.3  # share of an object beyond the picture's border
-_STILL = 0.2  # share of the people who stand
-_BRAKING = 0.2  # share of the vehicles
-_MOTTLES = (9, 4)  # rows and columns of light and dark patches on somebody
-
-
-@dataclass(frozen=True, slots=True)
-class CrowdKind:
-    """Of whom a crowd consists, and from where it is seen; pairs are ranges.
-
-    Attributes:
-        draw: makes the members: count, spread of colours, rng.
-        count: of members.
-        spread: standard deviation of a colour's logarithm among those of one colour.
-        pitch_deg: how far the camera looks down.
-        pole_m: how high it hangs.
-        size_m: of an object, by which its size in the picture is set.
-        size_px: of an object in the middle of the picture.
-        least_px: of the farthest.
-        apart_m: nobody is nearer to somebody else.
-        turned: share of those who look anywhere; the others look about where they did before,
-        wobble_rad: give or take so much.
-        shadow: brightness of the sun in the shade.
-        mottled: standard deviation of patches of light and dark; what clothes have and paint has not.
-    """
-
-    draw: Callable[[int, float, Generator], list[Member]]
-    count: int
-    spread: tuple[float, float]
-    pitch_deg: tuple[float, float]
-    pole_m: tuple[float, float]
-    size_m: float
-    size_px: tuple[float, float]
-    least_px: float
-    apart_m: float
-    turned: float
-    wobble_rad: float
-    shadow: float
-    mottled: float
-
-
-PEOPLE = CrowdKind(alike_people, 28, (0.06, 0.35), (6, 32), (3, 9), 1.72, (32, 95), 20, 0.4, 0.5, 0.4, 0.15, 0.12)
-VEHICLES = CrowdKind(alike_vehicles, 16, (0.04, 0.3), (7, 35), (5, 12), 1.9, (18, 75), 11, 4.5, 0.25, 0.25, 0.2, 0.0)
+# Pairs are ranges.
+_SPREAD = (0.06, 0.35)  # standard deviation of a colour's logarithm among those of one colour
+_PITCH_DEG = (6.0, 32.0)  # how far the camera looks down
+_POLE_M = (3.0, 9.0)  # how high it hangs
+_HEIGHT_M, _HEIGHT_PX = 1.72, (32.0, 95.0)  # of somebody in the middle of the picture
+_LEAST_PX = 20.0  # of the farthest
+_APART_M = 0.4  # nobody is nearer to somebody else
+_MOST_OUTSIDE = 0.3  # share of somebody beyond the picture's border
+_STILL = 0.2  # share of those who stand
+_TURNED, _WOBBLE_RAD = 0.5, 0.4  # share of those who look anywhere; others look about where they did before
+_SHADE = 0.15  # brightness of the sun in it
+_MOTTLES, _MOTTLED = (9, 4), 0.12  # rows and columns of light and dark patches as cloth has, standard deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +90,6 @@ class Crowd:
     """N members in one place.
 
     Attributes:
-        kind: of whom it consists.
         members: N of them.
         camera: where it is seen from.
         light: of the place.
@@ -131,7 +101,6 @@ class Crowd:
         optics: of the camera.
     """
 
-    kind: CrowdKind
     members: list[Member]
     camera: Camera
     light: Light
@@ -143,28 +112,26 @@ class Crowd:
     optics: _Optics
 
     @classmethod
-    def gather(cls, kind: CrowdKind, size: tuple[int, int], backdrop: Image.Image, rng: Generator) -> Crowd:
+    def gather(cls, size: tuple[int, int], backdrop: Image.Image, rng: Generator) -> Crowd:
         """A crowd before a part of a picture.
 
         Args:
-            kind: of whom.
             size: (height, width) px.
             backdrop: RGB of any size.
             rng: source of all choices.
         """
-        camera, depth_m = _look_down(kind, size, rng)
+        camera, depth_m = _look_down(size, rng)
         part = rng.uniform(0.5, 1, 2) * backdrop.size
         corner = rng.uniform(0, 1, 2) * (backdrop.size - part)
         box = (*corner.tolist(), *(corner + part).tolist())
         return cls(
-            kind,
-            kind.draw(kind.count, _by_factor(kind.spread, rng), rng),
+            alike_people(MEMBERS, _by_factor(_SPREAD, rng), rng),
             camera,
             _daylight(rng),
             backdrop.resize(size[::-1], Image.Resampling.BILINEAR, box=box),
             depth_m,
-            rng.uniform(-math.pi, math.pi, kind.count),
-            np.clip(rng.normal(1, kind.mottled, (kind.count, *_MOTTLES)), 0.6, 1.5),
+            rng.uniform(-math.pi, math.pi, MEMBERS),
+            np.clip(rng.normal(1, _MOTTLED, (MEMBERS, *_MOTTLES)), 0.6, 1.5),
             float(rng.uniform(0, 0.25)),
             _Optics.draw(rng),
         )
@@ -180,7 +147,7 @@ class Crowd:
             tile = paint_tile(outlines[number], self.camera.size)
             if tile is None or tile.truncation > _MOST_OUTSIDE:
                 continue
-            painted = _mottled(tile, self.mottles[number]) if self.kind.mottled else tile.image
+            painted = _mottled(tile, self.mottles[number])
             image.paste(painted, (tile.left, tile.top), painted.getchannel("A"))
             left, top, right, bottom = tile.box
             owner[top:bottom, left:right][tile.mask] = number
@@ -196,33 +163,31 @@ class Crowd:
         aside = rng.uniform(-1, 1, count) * half_width
         places: dict[int, tuple[float, float]] = {}
         for number, place in enumerate(zip(ahead.tolist(), aside.tolist(), strict=True)):
-            if all(math.dist(place, other) > self.kind.apart_m for other in places.values()):
+            if all(math.dist(place, other) > _APART_M for other in places.values()):
                 places[number] = place
         return places
 
     def _place(self, number: int, x: float, y: float, rng: Generator) -> Placed:
-        member, kind = self.members[number], self.kind
-        is_turned = rng.random() < kind.turned
-        yaw = rng.uniform(-math.pi, math.pi) if is_turned else self.headings[number] + rng.normal(0, kind.wobble_rad)
-        body, is_braking = member.body, False
+        member = self.members[number]
+        is_turned = rng.random() < _TURNED
+        yaw = rng.uniform(-math.pi, math.pi) if is_turned else self.headings[number] + rng.normal(0, _WOBBLE_RAD)
+        body = member.body
         if member.person is not None:
             limbs = draw_person(member.person, rng.uniform(0, 2 * math.pi), is_walking=bool(rng.random() > _STILL))
             body = replace(body, capsules=limbs)
-        sun = kind.shadow if rng.random() < self.shade else 1.0
-        if member.person is None:
-            is_braking = bool(rng.random() < _BRAKING)
-        return Placed(body, x, y, float(yaw), sun, is_braking=is_braking)
+        sun = _SHADE if rng.random() < self.shade else 1.0
+        return Placed(body, x, y, float(yaw), sun)
 
 
-def _look_down(kind: CrowdKind, size: tuple[int, int], rng: Generator) -> tuple[Camera, tuple[float, float]]:
+def _look_down(size: tuple[int, int], rng: Generator) -> tuple[Camera, tuple[float, float]]:
     """A camera, and between which distances on the ground its objects are in the picture and large enough, m."""
-    pitch, pole_m = math.radians(_between(kind.pitch_deg, rng)), _between(kind.pole_m, rng)
-    size_px = _by_factor(kind.size_px, rng)
-    focal_px = size_px * math.hypot(pole_m / math.tan(pitch), pole_m) / kind.size_m
+    pitch, pole_m = math.radians(_between(_PITCH_DEG, rng)), _between(_POLE_M, rng)
+    size_px = _by_factor(_HEIGHT_PX, rng)
+    focal_px = size_px * math.hypot(pole_m / math.tan(pitch), pole_m) / _HEIGHT_M
     half_view = math.atan(size[0] / 2 / focal_px)
     near = pole_m / math.tan(min(pitch + 0.8 * half_view, 1.5))
     far = pole_m / max(math.tan(pitch - 0.65 * half_view), 0.04)
-    far = max(min(far, focal_px * kind.size_m / kind.least_px), near + 4)
+    far = max(min(far, focal_px * _HEIGHT_M / _LEAST_PX), near + 4)
     return Camera((0.0, 0.0, pole_m), 0.0, pitch, focal_px, size), (near, far)
 
 

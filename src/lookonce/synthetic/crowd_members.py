@@ -1,27 +1,19 @@
-"""Who is in a crowd: people, or vehicles, of few colours and models, so that many differ by a shade only."""
+"""Who is in a crowd: people with clothes of few colours, so that many differ by a shade only."""
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Callable
 
 import numpy as np
 from numpy.random import Generator
 
 from lookonce.synthetic.body import BodyBuilder
-from lookonce.synthetic.cars import CAR_SHAPES, Livery, build_car
-from lookonce.synthetic.fleet import CAR_SHARES, CLASSES, PAINTS, Member, draw_by_share
-from lookonce.synthetic.heavy import HEAVY_SHAPES, build_bus, build_truck
+from lookonce.synthetic.fleet import CLASSES, Member
 from lookonce.synthetic.people import HAIRS, SKINS, Person
 
-__all__ = ["alike_people", "alike_vehicles"]
+__all__ = ["alike_people"]
 
 Colour = tuple[float, float, float]
-
-_KINDS = (("car", 0.8), ("van", 0.08), ("bus", 0.02), ("truck", 0.1))
-_TRUCKS = ("box truck", "lorry", "tipper", "tanker", "flatbed")
-_PATTERNS = (("plain", 0.4), ("stripe", 0.3), ("advert", 0.3))
-_WHITE: Colour = (228, 230, 230)
 
 
 def alike_people(count: int, spread: float, rng: Generator) -> list[Member]:
@@ -53,41 +45,6 @@ def alike_people(count: int, spread: float, rng: Generator) -> list[Member]:
         nobody = BodyBuilder().build((0.45, 0.5, person.height))
         members.append(Member(CLASSES.index("person"), "pedestrian", nobody, person, 0.45, 0.5))
     return members
-
-
-def alike_vehicles(count: int, spread: float, rng: Generator) -> list[Member]:
-    """Vehicles of a few models and paints; the arguments are those of ``alike_people``."""
-    usual = rng.integers(2, 8)
-    paints = [draw_by_share(rng, PAINTS) if rng.random() < 0.75 else _any_colour(rng) for _ in range(usual)]
-    models = [draw_by_share(rng, CAR_SHARES) for _ in range(rng.integers(2, 6))]
-    makers: dict[str, Callable[[Colour], Member]] = {
-        "car": lambda paint: _car(models[rng.integers(len(models))], _car_livery(paint, rng)),
-        "van": lambda paint: _car("van", _livery(paint if rng.random() < 0.5 else _shade(_WHITE, 0.05, rng), rng)),
-        "bus": lambda paint: _heavy("bus", "bus", _livery(paint, rng)),
-        "truck": lambda paint: _heavy("truck", _TRUCKS[rng.integers(len(_TRUCKS))], _livery(paint, rng)),
-    }
-    return [
-        makers[draw_by_share(rng, _KINDS)](_shade(paints[rng.integers(len(paints))], spread, rng)) for _ in range(count)
-    ]
-
-
-def _car(name: str, livery: Livery) -> Member:
-    shape = CAR_SHAPES[name]
-    return Member(CLASSES.index("car"), shape.kind, build_car(shape, livery), None, shape.length, shape.width)
-
-
-def _heavy(kind: str, name: str, livery: Livery) -> Member:
-    shape, build = HEAVY_SHAPES[name], build_bus if kind == "bus" else build_truck
-    return Member(CLASSES.index(kind), shape.kind, build(shape, livery), None, shape.length, shape.width)
-
-
-def _car_livery(paint: Colour, rng: Generator) -> Livery:
-    chance = rng.random()
-    return Livery(paint) if chance < 0.85 else Livery(paint, _any_colour(rng), "roof" if chance < 0.93 else "stripe")
-
-
-def _livery(paint: Colour, rng: Generator) -> Livery:
-    return Livery(paint, _any_colour(rng), draw_by_share(rng, _PATTERNS))
 
 
 def _any_colour(rng: Generator) -> Colour:

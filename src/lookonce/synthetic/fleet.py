@@ -13,7 +13,7 @@ from lookonce.synthetic.cars import CAR_SHAPES, Livery, build_car
 from lookonce.synthetic.heavy import HEAVY_SHAPES, build_bus, build_truck
 from lookonce.synthetic.people import Person, dress_up, two_wheeler_body
 
-__all__ = ["CAR_SHARES", "CLASSES", "PAINTS", "UA_DETRAC_TYPES", "Fleet", "Member", "draw_by_share"]
+__all__ = ["CLASSES", "UA_DETRAC_TYPES", "Fleet", "Member"]
 
 CLASSES = ("person", "bicycle", "motorcycle", "car", "bus", "truck")
 # What UA-DETRAC calls the classes that it has; vans are a type of their own there.
@@ -22,7 +22,7 @@ UA_DETRAC_TYPES = {"car": "car", "bus": "bus", "truck": "others"}
 Colour = tuple[float, float, float]
 T = TypeVar("T")
 
-PAINTS: tuple[tuple[Colour, float], ...] = (
+_PAINTS: tuple[tuple[Colour, float], ...] = (
     ((226, 228, 228), 0.22),
     ((162, 166, 170), 0.19),
     ((34, 36, 40), 0.18),
@@ -46,7 +46,7 @@ _LOUD: tuple[Colour, ...] = (
     (238, 120, 30),
     (30, 150, 166),
 )
-CAR_SHARES = (
+_CAR_SHARES = (
     ("hatchback", 0.27),
     ("sedan", 0.24),
     ("estate", 0.12),
@@ -92,8 +92,8 @@ class Fleet:
     def __init__(self, rng: np.random.Generator, look_alikes: float) -> None:
         self._rng = rng
         self._look_alikes = look_alikes
-        self._usual = (draw_by_share(rng, CAR_SHARES), Livery(self._paint()))
-        self._bus = (draw_by_share(rng, (("bus", 0.7), ("midibus", 0.3))), self._loud("bus"))
+        self._usual = (_draw_by_share(rng, _CAR_SHARES), Livery(self._paint()))
+        self._bus = (_draw_by_share(rng, (("bus", 0.7), ("midibus", 0.3))), self._loud("bus"))
         self._bodies: dict[tuple[str, Livery], Body] = {}
 
     def draw(self, users: str) -> Member:
@@ -104,14 +104,14 @@ class Fleet:
             return Member(CLASSES.index("person"), "pedestrian", nobody, person, 0.45, 0.5)
         if users == "bicycle":
             return self._two_wheeler(is_motorcycle=False)
-        kind = draw_by_share(self._rng, _KIND_SHARES)
+        kind = _draw_by_share(self._rng, _KIND_SHARES)
         if kind == "motorcycle":
             return self._two_wheeler(is_motorcycle=True)
         if kind in ("truck", "bus"):
             return self._heavy(kind)
         if kind == "car":
             is_usual = self._rng.random() < self._look_alikes
-            name, livery = self._usual if is_usual else (draw_by_share(self._rng, CAR_SHARES), self._car_livery())
+            name, livery = self._usual if is_usual else (_draw_by_share(self._rng, _CAR_SHARES), self._car_livery())
         else:
             name, livery = kind, self._loud(kind)
         shape = CAR_SHAPES[name]
@@ -144,7 +144,7 @@ class Fleet:
         return Member(CLASSES.index(kind), kind, body, None, body.size[0], body.size[1])
 
     def _paint(self) -> Colour:
-        return draw_by_share(self._rng, PAINTS)
+        return _draw_by_share(self._rng, _PAINTS)
 
     def _car_livery(self) -> Livery:
         chance = self._rng.random()
@@ -165,7 +165,7 @@ class Fleet:
         return Livery(paint, _LOUD[second] if kind != "truck" or self._rng.random() < 0.5 else white, pattern)
 
 
-def draw_by_share(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
+def _draw_by_share(rng: np.random.Generator, shares: Sequence[tuple[T, float]]) -> T:
     """One of some things, the likelier the larger its share; the shares need not sum up to 1."""
     weights = np.array([share for _, share in shares])
     return shares[int(rng.choice(len(shares), p=weights / weights.sum()))][0]

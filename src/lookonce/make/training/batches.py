@@ -17,7 +17,7 @@ __all__ = ["BatchSampler", "comparable"]
 _FROM_SCENES = 0.5  # share of a batch that comes scene by scene: there the hard negatives are
 _IDENTITIES_A_SCENE = 16
 # How often scenes of a kind are drawn; labelled sequences as often as all the others together.
-_WEIGHTS = {"clips": 1.0, "stills": 1.0, "rendered people": 2.0, "rendered vehicles": 0.5}
+_WEIGHTS = {"clips": 1.0, "stills": 1.0, "rendered people": 2.0}
 
 
 class BatchSampler:

@@ -51,8 +51,7 @@ class FitConfig:
         views: transformed views of each still.
         collages: how often each object of a still is put into a collage.
         variants: so many more identities are made of each object of a still by other colours.
-        crowds: so many rendered crowds of people, and of vehicles, where the detector knows such; each has 28 or 16
-            identities of its own.
+        crowds: so many rendered crowds, each of 28 people, where the detector knows people.
         sequence_frames: of each sequence or video at most so many frames, evenly spread.
         score: least confidence of the detections that stand in for labels.
         held_out: share of identities kept for validation.

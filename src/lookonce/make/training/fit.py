@@ -23,7 +23,7 @@ from lookonce.make.training.linking import Links, link_detections
 from lookonce.make.training.loop import History, train
 from lookonce.make.training.pictures import open_picture
 from lookonce.make.training.readings import Readings, read_features
-from lookonce.make.training.rendered import CrowdSource, crowd_kinds
+from lookonce.make.training.rendered import CrowdSource, knows_people
 from lookonce.make.training.sources import SequenceSource, Source, TrackedBoxes
 from lookonce.make.training.stills import StillsSource
 from lookonce.make.training.trainables import Head, Kind, kind_of, settled, trainable_for
@@ -210,15 +210,11 @@ def _sources(
 
 
 def _crowds(metadata: ModelMetadata, data: FitData, config: FitConfig) -> list[Source]:
-    """Rendered identities beside the real ones."""
+    """Rendered people beside what is real, for a detector that knows people."""
+    if not (config.crowds and knows_people(metadata.names)):
+        return []
     backdrops = [path for stills in data.stills for path in stills.pictures]
-    kinds = crowd_kinds(metadata.names) if config.crowds else {}
-    return [
-        CrowdSource(
-            name, kind, metadata.size, crowds=config.crowds, backdrops=backdrops, seed=[config.seed, 3 + number]
-        )
-        for number, (name, kind) in enumerate(kinds.items())
-    ]
+    return [CrowdSource(metadata.size, crowds=config.crowds, backdrops=backdrops, seed=[config.seed, 3])]
 
 
 def _held_identities(boxes: TrackedBoxes, whole: bool | None, share: float, rng: Generator) -> NDArray[np.bool_]:

@@ -14,28 +14,23 @@ from lookonce.make.descriptors.anchors import PEOPLE_CLASSES
 from lookonce.make.training.augment import View, maybe_jpeg
 from lookonce.make.training.pictures import open_picture
 from lookonce.make.training.sources import ALWAYS, Canvas, Task, canvas_of_view
-from lookonce.synthetic.crowd import PEOPLE, VEHICLES, Crowd, CrowdKind
+from lookonce.synthetic.crowd import MEMBERS, Crowd
 
-__all__ = ["CrowdSource", "crowd_kinds"]
+__all__ = ["CrowdSource", "knows_people"]
 
-_VEHICLES = frozenset(("car", "bus", "truck", "van", "vehicle"))
 _FRAMES = 6  # of each crowd
 _PATCHES = 6  # rows and columns of the colours that stand behind a crowd where there are no pictures
 
 
-def crowd_kinds(classes: Sequence[str]) -> dict[str, CrowdKind]:
-    """The kinds of crowds, by name, that teach something to a detector of these classes."""
-    known = {name.lower() for name in classes}
-    kinds = {"rendered people": (PEOPLE, PEOPLE_CLASSES), "rendered vehicles": (VEHICLES, _VEHICLES)}
-    return {name: kind for name, (kind, names) in kinds.items() if known & names}
+def knows_people(classes: Sequence[str]) -> bool:
+    """Whether crowds of people teach something to a detector of these classes."""
+    return any(name.lower() in PEOPLE_CLASSES for name in classes)
 
 
 class CrowdSource:
     """Crowds, each a scene of its own, six frames of each.
 
     Args:
-        name: for messages.
-        kind: of whom.
         size: of the network's input (height, width) in px.
         crowds: how many.
         backdrops: pictures to stand before; none: before patches of colour.
@@ -44,18 +39,16 @@ class CrowdSource:
 
     def __init__(
         self,
-        name: str,
-        kind: CrowdKind,
         size: tuple[int, int],
         *,
         crowds: int,
         backdrops: Sequence[Path],
         seed: Sequence[int],
     ) -> None:
-        self.name = self.kind = name
-        self._crowd_kind, self._size, self._crowds = kind, size, crowds
+        self.name = self.kind = "rendered people"
+        self._size, self._crowds = size, crowds
         self._backdrops, self._seed = backdrops, tuple(seed)
-        self.scenes = np.repeat(np.arange(crowds, dtype=np.int64), kind.count)
+        self.scenes = np.repeat(np.arange(crowds, dtype=np.int64), MEMBERS)
         self.lifetimes = np.tile(np.array(ALWAYS, np.int64), (len(self.scenes), 1))
         self.held_out = np.zeros(len(self.scenes), np.bool_)  # real objects judge
         self.task_count = crowds * _FRAMES
@@ -75,13 +68,12 @@ class CrowdSource:
         rng = np.random.default_rng([*self._seed, crowd, 1 + frame])
         seen = self._gather(crowd).picture(rng)
         view = View(maybe_jpeg(seen.image, rng), seen.xyxy, seen.visible)
-        count = self._crowd_kind.count
-        identities = crowd * count + np.arange(count, dtype=np.int64)
-        return canvas_of_view(view, identities, np.full(count, frame), np.ones(count, bool), rng)
+        identities = crowd * MEMBERS + np.arange(MEMBERS, dtype=np.int64)
+        return canvas_of_view(view, identities, np.full(MEMBERS, frame), np.ones(MEMBERS, bool), rng)
 
     def _gather_anew(self, crowd: int) -> Crowd:
         rng = np.random.default_rng([*self._seed, crowd, 0])
-        return Crowd.gather(self._crowd_kind, self._size, self._backdrop(rng), rng)
+        return Crowd.gather(self._size, self._backdrop(rng), rng)
 
     def _backdrop(self, rng: Generator) -> Image.Image:
         if self._backdrops:

@@ -74,7 +74,7 @@ class Source(Protocol):
 
     Attributes:
         name: for messages.
-        kind: ``sequences``, ``clips``, ``stills``, ``rendered people`` or ``rendered vehicles``; a kind's part of the
+        kind: ``sequences``, ``clips``, ``stills`` or ``rendered people``; a kind's part of the
             batches does not depend on how many sources it has.
         task_count: how many tasks there are.
         row_count: about how many objects they show in all.
@@ -90,7 +90,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """``sequences``, ``clips``, ``stills``, ``rendered people`` or ``rendered vehicles``."""
+        """``sequences``, ``clips``, ``stills`` or ``rendered people``."""
         ...
 
     @property

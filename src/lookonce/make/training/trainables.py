@@ -49,16 +49,14 @@ def settled(kind: Kind, readings: Readings) -> Readings:
     """The same readings, all rows of an identity for one network: that of most of its rows.
 
     A view may be so small or blurred that the detector takes a car for a person; such an object would hardly be
-    detected. Of what is rendered it is known what it is.
+    detected. Of rendered people it is known what they are.
     """
     if isinstance(kind, PaperKind):
         return readings
     seen = np.bincount(readings.identity)
     people = np.bincount(readings.identity, readings.values["group"])
-    group = (2 * people > seen)[readings.identity].astype(np.int64)
-    of_kind = np.array(readings.kinds)[readings.source]
-    group[of_kind == "rendered people"] = max(kind.groups)
-    group[of_kind == "rendered vehicles"] = 0
+    is_rendered = np.array([name == "rendered people" for name in readings.kinds])[readings.source]
+    group = np.where(is_rendered, max(kind.groups), (2 * people > seen)[readings.identity]).astype(np.int64)
     return replace(readings, values={**readings.values, "group": group})
 
 
