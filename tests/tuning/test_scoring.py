@@ -53,15 +53,7 @@ def test_results_in_ignored_regions_are_left_out_at_every_frame_rate():
     truth = scene.truth
     kept = truth.ids == 1
     first_px = truth.xyxy[~kept, 0].min()
-    alone = replace(
-        truth,
-        row_frames=truth.row_frames[kept],
-        ids=truth.ids[kept],
-        xyxy=truth.xyxy[kept],
-        labels=truth.labels[kept],
-        is_counted=truth.is_counted[kept],
-        is_distractor=truth.is_distractor[kept],
-    )
+    alone = truth.of_rows(kept)
     told = replace(alone, ignored=np.array([[first_px, 0, 500, 100]]))
     wrong, right = (Scorer([replace(scene, truth=one)], [1, 2]).scores(LARGE_ENOUGH) for one in (alone, told))
     assert [one.clear.false_positives for one in wrong] == [20, 10]

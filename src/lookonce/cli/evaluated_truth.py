@@ -204,18 +204,7 @@ def _truth_file(path: Path, sequence: LabelledSequence) -> Path:
 
 def thin(sequence: TrueSequence, every: int) -> TrueSequence:
     """The same sequence with every so many-th frame only, from the first."""
-    truth = sequence.truth
-    rows = truth.row_frames % every == 0
-    thinned = replace(
-        truth,
-        frames=truth.frames[truth.frames % every == 0],
-        row_frames=truth.row_frames[rows],
-        ids=truth.ids[rows],
-        xyxy=truth.xyxy[rows],
-        labels=truth.labels[rows],
-        is_counted=truth.is_counted[rows],
-        is_distractor=truth.is_distractor[rows],
-    )
+    thinned = sequence.truth.in_frames(sequence.truth.frames % every == 0)
     if not thinned.is_counted.any():
         raise ConfigError(f"{one_line(sequence.file)}: no object that counts in every {every}th frame; take more")
     return replace(sequence, truth=thinned)

@@ -1,9 +1,9 @@
 """Crowds for descriptors to learn from: many people who look alike, seen again and again in other poses and places.
 
 A still shows an object once, and what is done to the picture changes neither how somebody walks nor where they look.
-Here a few dozen people stand before any picture, and in each frame of it elsewhere, turned otherwise, in
-another step, partly behind each other. The camera, the light and the optics are those of one place, so what remains to
-tell them apart is how they look.
+Here a few dozen people stand before any picture, and in each frame of it elsewhere, turned otherwise, in another step,
+partly behind each other. The camera, the light and the optics are those of one place, so what remains to tell them
+apart is how they look.
 """
 
 from __future__ import annotations
@@ -168,15 +168,13 @@ class Crowd:
         return places
 
     def _place(self, number: int, x: float, y: float, rng: Generator) -> Placed:
-        member = self.members[number]
+        person, body = self.members[number].person, self.members[number].body
+        assert person is not None
         is_turned = rng.random() < _TURNED
         yaw = rng.uniform(-math.pi, math.pi) if is_turned else self.headings[number] + rng.normal(0, _WOBBLE_RAD)
-        body = member.body
-        if member.person is not None:
-            limbs = draw_person(member.person, rng.uniform(0, 2 * math.pi), is_walking=bool(rng.random() > _STILL))
-            body = replace(body, capsules=limbs)
+        limbs = draw_person(person, rng.uniform(0, 2 * math.pi), is_walking=bool(rng.random() > _STILL))
         sun = _SHADE if rng.random() < self.shade else 1.0
-        return Placed(body, x, y, float(yaw), sun)
+        return Placed(replace(body, capsules=limbs), x, y, float(yaw), sun)
 
 
 def _look_down(size: tuple[int, int], rng: Generator) -> tuple[Camera, tuple[float, float]]:

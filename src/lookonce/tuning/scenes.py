@@ -40,7 +40,7 @@ class TuningScene:
 
     def every(self, step: int) -> TuningScene:
         """The frames whose number is a multiple of ``step``."""
-        truth = _truth_at(self.truth, self.truth.frames % step == 0)
+        truth = self.truth.in_frames(self.truth.frames % step == 0)
         return replace(self, truth=truth, detections=self.detections.every(step))
 
     def cut(self, parts: int) -> list[TuningScene]:
@@ -53,7 +53,7 @@ class TuningScene:
 
     def _between(self, first: int, end: int) -> TuningScene:
         """The frames from ``first`` to before ``end``."""
-        truth = _truth_at(self.truth, (self.truth.frames >= first) & (self.truth.frames < end))
+        truth = self.truth.in_frames((self.truth.frames >= first) & (self.truth.frames < end))
         found = self.detections
         chosen = (found.frames >= first) & (found.frames < end)
         kept = found.rows(np.repeat(chosen, np.diff(found.starts)))
@@ -82,19 +82,3 @@ class TuningScene:
             for frame in np.intersect1d(np.array(sorted(maps), np.int64), found.frames).tolist():
                 total.update(f"{step} {frame} {maps[frame].tolist()}".encode())
         return total.hexdigest()
-
-
-def _truth_at(truth: TrackingTruth, is_chosen: NDArray[np.bool_]) -> TrackingTruth:
-    """The truth of the chosen frames; ``is_chosen`` (F,)."""
-    frames = truth.frames[is_chosen]
-    rows = np.isin(truth.row_frames, frames)
-    return replace(
-        truth,
-        frames=frames,
-        row_frames=truth.row_frames[rows],
-        ids=truth.ids[rows],
-        xyxy=truth.xyxy[rows],
-        labels=truth.labels[rows],
-        is_counted=truth.is_counted[rows],
-        is_distractor=truth.is_distractor[rows],
-    )

@@ -299,6 +299,14 @@ def test_files_that_cannot_be_reopened_are_refused_in_one_line(model, tmp_path, 
     assert not output.exists()
 
 
+def test_a_file_whose_description_hides_the_last_layers_is_refused(model, tmp_path):
+    """From these the class of a given box is told."""
+    path = _changed(model.path, tmp_path, _describe(features=[{"name": "layer_4", "channels": 16, "stride_px": 4}]))
+    with pytest.raises(ModelError, match=r"cannot tell which map the .* grid is decoded from; make it again") as caught:
+        open_describer(path)
+    _assert_one_line(caught, path)
+
+
 def test_a_file_that_is_cut_short_or_absent_is_refused(model, tmp_path):
     (tmp_path / "cut.onnx").write_bytes(model.path.read_bytes()[:-100])
     for name in ("cut.onnx", "none.onnx"):

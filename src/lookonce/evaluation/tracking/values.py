@@ -99,6 +99,23 @@ class TrackingTruth:
             left_out=dict(sequence.left_out),
         )
 
+    def in_frames(self, is_chosen: NDArray[np.bool_]) -> TrackingTruth:
+        """The truth of the chosen frames; ``is_chosen`` (F,)."""
+        frames = self.frames[is_chosen]
+        return replace(self.of_rows(np.isin(self.row_frames, frames)), frames=frames)
+
+    def of_rows(self, rows: NDArray[np.bool_]) -> TrackingTruth:
+        """The same frames with the chosen rows only; ``rows`` (N,)."""
+        return replace(
+            self,
+            row_frames=self.row_frames[rows],
+            ids=self.ids[rows],
+            xyxy=self.xyxy[rows],
+            labels=self.labels[rows],
+            is_counted=self.is_counted[rows],
+            is_distractor=self.is_distractor[rows],
+        )
+
     def of_class(self, label: int) -> TrackingTruth:
         """The same truth in which only the rows of one class count."""
         return replace(self, is_counted=self.is_counted & (self.labels == label))

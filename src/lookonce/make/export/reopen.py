@@ -166,7 +166,8 @@ def _raw_maps(path: Path, metadata: ModelMetadata, features: Mapping[str, ir.Val
     maps = []
     for grid in metadata.outputs:
         channels = len(grid.anchors_px) * (BEFORE_CLASSES + len(metadata.names))
-        readers = [node for node, _ in features[grid.near].uses() if node.op_type == "Conv"]
+        near = features.get(grid.near)
+        readers = [] if near is None else [node for node, _ in near.uses() if node.op_type == "Conv"]
         found = [node.outputs[0] for node in readers if _has_filters(node, channels)]
         if len(found) != 1:
             raise ModelError(

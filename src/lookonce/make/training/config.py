@@ -27,6 +27,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "patience": (1, 1_000_000),
     "cache_gb": (0.01, 1000),
 }
+_READING = 2  # raised where other features come of the same settings
 _AFTER_READING = frozenset(
     (
         "steps",
@@ -96,4 +97,5 @@ class FitConfig:
 
     def for_reading(self) -> dict[str, object]:
         """The settings that features depend on, by name; runs that agree in them can share features."""
-        return {name: value for name, value in asdict(self).items() if name not in _AFTER_READING}
+        settings = {name: value for name, value in asdict(self).items() if name not in _AFTER_READING}
+        return settings | {"version": _READING}
