@@ -112,12 +112,13 @@ def random_maps():
 def random_head():
     """``random_head(kind)``: a head with random weights, in evaluation; its batch norms have seen something."""
 
-    def make(kind, seed=1):
+    def make(kind, seed=1, embedding=48):
         with torch.random.fork_rng():
             torch.manual_seed(seed)
             if isinstance(kind, CompactKind):
                 channels = sum(kind.channels)
-                return CompactHead(kind, torch.randn(channels).numpy(), torch.rand(channels).numpy() + 0.5).eval()
+                mean, spread = torch.randn(channels).numpy(), torch.rand(channels).numpy() + 0.5
+                return CompactHead(kind, mean, spread, embedding).eval()
             head = PaperHead(kind)
             for module in head.modules():
                 if isinstance(module, nn.BatchNorm2d):

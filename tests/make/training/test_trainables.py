@@ -59,6 +59,11 @@ def test_the_loss_is_the_sum_over_the_networks():
     torch.testing.assert_close(loss(np.arange(len(readings))), sum(apart))
 
 
+def test_the_width_of_the_embedding_is_a_setting():
+    head = trainable_for(BOTH, _readings("stills"), FitConfig(embedding=7))
+    assert [network.embedding.out_features for network in head.module.networks] == [7, 7]
+
+
 def test_rows_are_described_by_the_network_of_their_class():
     readings = _readings("stills")
     head = trainable_for(BOTH, readings, FitConfig())

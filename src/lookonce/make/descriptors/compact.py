@@ -36,7 +36,7 @@ _ROWS, _COLUMNS = 8, 4  # points over a box; taller than wide, for persons; vehi
 _POINTS = _ROWS * _COLUMNS
 _SAMPLES = 2  # of the finest map, per point and axis, averaged; the points lie closer than the cells of the others
 _STRIDES_PX = (4, 8, 16)  # of the maps that are read
-_EMBEDDING, _HEADS, _GATE = 48, 8, 16
+_HEADS, _GATE = 8, 16
 _SMALLEST_SPREAD = 1e-3
 _UNSEEN = -20.0  # logit of a point that is hidden: no weight, but no NaN where all are
 
@@ -149,17 +149,20 @@ class CompactHead(nn.Module):
         kind: the layout.
         mean: (C,) mean of each channel over the training set.
         spread: (C,) its standard deviation.
+        embedding: numbers that are made of each point.
     """
 
     mean: Tensor
     spread: Tensor
 
-    def __init__(self, kind: CompactKind, mean: NDArray[np.float32], spread: NDArray[np.float32]) -> None:
+    def __init__(
+        self, kind: CompactKind, mean: NDArray[np.float32], spread: NDArray[np.float32], embedding: int
+    ) -> None:
         super().__init__()
         self.kind = kind
         self.register_buffer("mean", torch.from_numpy(mean))
         self.register_buffer("spread", torch.from_numpy(np.maximum(spread, _SMALLEST_SPREAD)))
-        self.networks = nn.ModuleList(_Network(kind) for _ in range(1 + max(kind.groups)))
+        self.networks = nn.ModuleList(_Network(kind, embedding) for _ in range(1 + max(kind.groups)))
 
     def forward(self, points: Tensor, group: Tensor) -> Tensor:
         """(N, P, C) and (N,), the number of each row's network -> (N, 128)."""
@@ -194,14 +197,14 @@ class CompactHead(nn.Module):
 class _Network(nn.Module):
     """Standardised points (N, P, C) -> descriptors (N, 128) of unit length."""
 
-    def __init__(self, kind: CompactKind) -> None:
+    def __init__(self, kind: CompactKind, embedding: int) -> None:
         super().__init__()
         self.kind = kind
         self.visual = kind.channels[0]
-        self.embedding = nn.Linear(self.visual, _EMBEDDING)
+        self.embedding = nn.Linear(self.visual, embedding)
         self.gate = nn.Sequential(nn.Linear(sum(kind.channels), _GATE), nn.ReLU(), nn.Linear(_GATE, _HEADS))
         self.position = nn.Parameter(_stripes())
-        self.project = nn.Linear(_EMBEDDING * _HEADS, DESCRIPTOR_SIZE)
+        self.project = nn.Linear(embedding * _HEADS, DESCRIPTOR_SIZE)
 
     def forward(self, points: Tensor) -> Tensor:
         """(N, P, C) -> (N, 128)."""
@@ -238,9 +241,9 @@ class _Network(nn.Module):
         logits = g("Transpose", g("Reshape", logits, g.constant([-1, _POINTS, _HEADS])), perm=[0, 2, 1])
         weights = g("Softmax", g("Add", logits, g.constant(_array(self.position.T))), axis=2)  # (N, K, P)
         embedded = g("Relu", _write_linear(g, points, *_folded(self.embedding, mean, spread)))
-        average = g("MatMul", weights, g("Reshape", embedded, g.constant([-1, _POINTS, _EMBEDDING])))
+        average = g("MatMul", weights, g("Reshape", embedded, g.constant([-1, _POINTS, self.embedding.out_features])))
         pooled = g("Log", g("Add", average, g.constant(1.0)))
-        flat = g("Reshape", pooled, g.constant([-1, _EMBEDDING * _HEADS]))
+        flat = g("Reshape", pooled, g.constant([-1, self.project.in_features]))
         return g.unit_length(_write_linear(g, flat, self.project.weight, self.project.bias))
 
 

@@ -20,6 +20,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "steps": (1, 10_000_000),
     "identities": (2, 100_000),
     "rows": (2, 1000),
+    "embedding": (4, 1024),
     "learning_rate": (1e-7, 1),
     "weight_decay": (0, 1),
     "temperature": (0.01, 1),
@@ -33,6 +34,7 @@ _AFTER_READING = frozenset(
         "steps",
         "identities",
         "rows",
+        "embedding",
         "learning_rate",
         "weight_decay",
         "temperature",
@@ -59,6 +61,7 @@ class FitConfig:
         steps: of the optimizer, at most.
         identities: in a batch, about.
         rows: of each identity in a batch, at most.
+        embedding: numbers that kind compact makes of each point; wide maps feed more, a model file grows with it.
         learning_rate: the highest; it rises over the first tenth of the steps and falls to nothing (one cycle).
         weight_decay: of AdamW.
         temperature: of the contrastive loss (kind compact).
@@ -79,6 +82,7 @@ class FitConfig:
     steps: int = 1200
     identities: int = 160
     rows: int = 4
+    embedding: int = 48
     learning_rate: float = 3e-3
     weight_decay: float = 1e-3
     temperature: float = 0.1

@@ -64,7 +64,7 @@ def trainable_for(kind: Kind, readings: Readings, config: FitConfig) -> Head:
     """A fresh head with its objective; weights drawn from torch's global generator."""
     if isinstance(kind, PaperKind):
         return _Paper(kind, readings)
-    return _Compact(kind, readings, config.temperature)
+    return _Compact(kind, readings, config)
 
 
 class _Compact:
@@ -74,12 +74,12 @@ class _Compact:
     Labelled sequences and rendered crowds have much of one class, and each row teaches the network of its class alone.
     """
 
-    def __init__(self, kind: CompactKind, readings: Readings, temperature: float) -> None:
-        self._readings, self._temperature = readings, temperature
+    def __init__(self, kind: CompactKind, readings: Readings, config: FitConfig) -> None:
+        self._readings, self._temperature = readings, config.temperature
         points = readings.values["points"]
         some = np.linspace(0, len(points) - 1, min(len(points), _ROWS_FOR_STATISTICS)).astype(int)
         channels = points[some].astype(np.float32).reshape(-1, points.shape[-1])
-        self._head = CompactHead(kind, channels.mean(axis=0), channels.std(axis=0))
+        self._head = CompactHead(kind, channels.mean(axis=0), channels.std(axis=0), config.embedding)
         is_of_any = np.isin(np.array(readings.kinds), _OF_ANY_CLASS)[readings.source]
         self._teaches = [is_of_any | (readings.values["group"] == number) for number in range(len(self._head.networks))]
 
