@@ -89,9 +89,7 @@ def fit_command(
     held_out: Annotated[float | None, _setting("Share of identities kept for validation [0.1].")] = None,
     identities: Annotated[int | None, _setting("Identities in a batch [160].")] = None,
     rows: Annotated[int | None, _setting("Pictures of an identity in a batch [4].")] = None,
-    embedding: Annotated[
-        int | None, _setting("Numbers that kind compact makes of each point of a box; more for wide maps [48].")
-    ] = None,
+    embedding: Annotated[int | None, _setting("Of kind compact: numbers made of each point of a box [48].")] = None,
     learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.003].")] = None,
     weight_decay: Annotated[float | None, _setting("Of AdamW [0.001].")] = None,
     temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
