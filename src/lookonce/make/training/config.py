@@ -61,7 +61,7 @@ class FitConfig:
         steps: of the optimizer, at most.
         identities: in a batch, about.
         rows: of each identity in a batch, at most.
-        embedding: numbers that kind compact makes of each point; wide maps feed more, a model file grows with it.
+        embedding: numbers that kind compact makes of each point of a box; the model file grows with it.
         learning_rate: the highest; it rises over the first tenth of the steps and falls to nothing (one cycle).
         weight_decay: of AdamW.
         temperature: of the contrastive loss (kind compact).
