@@ -90,6 +90,7 @@ def fit_command(
     identities: Annotated[int | None, _setting("Identities in a batch [160].")] = None,
     rows: Annotated[int | None, _setting("Pictures of an identity in a batch [4].")] = None,
     embedding: Annotated[int | None, _setting("Of kind compact: numbers made of each point of a box [48].")] = None,
+    gate: Annotated[int | None, _setting("Of kind compact: numbers that decide which points count [16].")] = None,
     learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.003].")] = None,
     weight_decay: Annotated[float | None, _setting("Of AdamW [0.001].")] = None,
     temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
@@ -98,8 +99,7 @@ def fit_command(
     cache_gb: Annotated[float | None, _setting("Disk and memory for features, 10^9 bytes [1].")] = None,
 ) -> None:
     """Train descriptors on a frozen detector: boxes stay the same to the byte, identities become tellable."""
-    given = {name: value for name, value in locals().items() if value is not None}
-    settings = _settings(config, given)
+    settings = _settings(config, locals())
     _check_output(output, may_exist=overwrite or resume)
     _run(
         _read_data(data or [], stills or [], video or [], frames),
@@ -124,7 +124,8 @@ def _settings(config: Path | None, given: dict[str, Any]) -> FitConfig:
 
     from_file = read_settings(config, FitConfig) if config else {}
     known = {field.name for field in fields(FitConfig)}
-    return FitConfig(**from_file | {name: value for name, value in given.items() if name in known})
+    flags = {name: value for name, value in given.items() if name in known and value is not None}
+    return FitConfig(**from_file | flags)
 
 
 def _check_output(output: Path, *, may_exist: bool) -> None:

@@ -112,13 +112,13 @@ def random_maps():
 def random_head():
     """``random_head(kind)``: a head with random weights, in evaluation; its batch norms have seen something."""
 
-    def make(kind, seed=1, embedding=48):
+    def make(kind, seed=1, embedding=48, gate=16):
         with torch.random.fork_rng():
             torch.manual_seed(seed)
             if isinstance(kind, CompactKind):
                 channels = sum(kind.channels)
                 mean, spread = torch.randn(channels).numpy(), torch.rand(channels).numpy() + 0.5
-                return CompactHead(kind, mean, spread, embedding).eval()
+                return CompactHead(kind, mean, spread, embedding, gate).eval()
             head = PaperHead(kind)
             for module in head.modules():
                 if isinstance(module, nn.BatchNorm2d):

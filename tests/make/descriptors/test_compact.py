@@ -229,12 +229,12 @@ def test_each_row_is_read_by_the_network_of_its_class(
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("embedding", [4, 96])
-def test_an_embedding_of_any_width_is_written_as_it_was_trained(
-    street_metadata, random_maps, run_reading, run_head, random_head, embedding
+@pytest.mark.parametrize(("embedding", "gate"), [(4, 5), (96, 32)])
+def test_an_embedding_and_a_gate_of_any_width_are_written_as_they_were_trained(
+    street_metadata, random_maps, run_reading, run_head, random_head, embedding, gate
 ):
     kind = CompactKind.of(street_metadata)
-    head = random_head(kind, embedding=embedding)
+    head = random_head(kind, embedding=embedding, gate=gate)
     assert [network.project.in_features for network in head.networks] == [8 * embedding] * 2
     rows = _rows(_many_boxes(), labels=np.arange(40) % 2)
     found, by_pytorch = _graph_and_pytorch(kind, head, rows, random_maps(street_metadata), run_reading, run_head)
@@ -275,7 +275,7 @@ def test_reading_of_a_picture_is_the_same_to_the_byte_in_a_batch(metadata, rando
 @torch.no_grad()
 def test_channels_that_never_change_are_harmless(metadata, points):
     kind = CompactKind.of(metadata)
-    head = CompactHead(kind, np.zeros(18, np.float32), np.zeros(18, np.float32), 48)
+    head = CompactHead(kind, np.zeros(18, np.float32), np.zeros(18, np.float32), 48, 16)
     assert torch.isfinite(head(torch.from_numpy(points), torch.zeros(len(points), dtype=torch.int64))).all()
 
 

@@ -59,9 +59,26 @@ def test_the_loss_is_the_sum_over_the_networks():
     torch.testing.assert_close(loss(np.arange(len(readings))), sum(apart))
 
 
-def test_the_width_of_the_embedding_is_a_setting():
-    head = trainable_for(BOTH, _readings("stills"), FitConfig(embedding=7))
+@pytest.mark.parametrize(("kind", "is_held"), [("stills", True), ("clips", True), ("sequences", False)])
+def test_sources_of_any_class_hold_the_spaces_of_the_networks_together(kind, is_held):
+    readings = _readings(kind)
+    values, rows = {n: torch.from_numpy(v) for n, v in readings.values.items()}, np.arange(len(readings))
+    head = trainable_for(BOTH, readings, FitConfig())
+    head.module.eval()  # hides no points
+    one, other = head.module.networks
+    other.load_state_dict(one.state_dict())
+    together = head.loss(values, rows).item()
+    with torch.no_grad():
+        other.project.weight.neg_()
+        other.project.bias.neg_()  # the opposite descriptors: by itself the network is as good as before
+    apart = head.loss(values, rows).item()
+    assert apart > together + 0.5 if is_held else apart == pytest.approx(together, rel=1e-5)
+
+
+def test_the_widths_of_embedding_and_gate_are_settings():
+    head = trainable_for(BOTH, _readings("stills"), FitConfig(embedding=7, gate=5))
     assert [network.embedding.out_features for network in head.module.networks] == [7, 7]
+    assert [network.gate[0].out_features for network in head.module.networks] == [5, 5]
 
 
 def test_rows_are_described_by_the_network_of_their_class():

@@ -36,7 +36,7 @@ _ROWS, _COLUMNS = 8, 4  # points over a box; taller than wide, for persons; vehi
 _POINTS = _ROWS * _COLUMNS
 _SAMPLES = 2  # of the finest map, per point and axis, averaged; the points lie closer than the cells of the others
 _STRIDES_PX = (4, 8, 16)  # of the maps that are read
-_HEADS, _GATE = 8, 16
+_HEADS = 8
 _SMALLEST_SPREAD = 1e-3
 _UNSEEN = -20.0  # logit of a point that is hidden: no weight, but no NaN where all are
 
@@ -150,19 +150,20 @@ class CompactHead(nn.Module):
         mean: (C,) mean of each channel over the training set.
         spread: (C,) its standard deviation.
         embedding: numbers that are made of each point.
+        gate: width of the hidden layer that decides which points count.
     """
 
     mean: Tensor
     spread: Tensor
 
     def __init__(
-        self, kind: CompactKind, mean: NDArray[np.float32], spread: NDArray[np.float32], embedding: int
+        self, kind: CompactKind, mean: NDArray[np.float32], spread: NDArray[np.float32], embedding: int, gate: int
     ) -> None:
         super().__init__()
         self.kind = kind
         self.register_buffer("mean", torch.from_numpy(mean))
         self.register_buffer("spread", torch.from_numpy(np.maximum(spread, _SMALLEST_SPREAD)))
-        self.networks = nn.ModuleList(_Network(kind, embedding) for _ in range(1 + max(kind.groups)))
+        self.networks = nn.ModuleList(_Network(kind, embedding, gate) for _ in range(1 + max(kind.groups)))
 
     def forward(self, points: Tensor, group: Tensor) -> Tensor:
         """(N, P, C) and (N,), the number of each row's network -> (N, 128)."""
@@ -197,12 +198,12 @@ class CompactHead(nn.Module):
 class _Network(nn.Module):
     """Standardised points (N, P, C) -> descriptors (N, 128) of unit length."""
 
-    def __init__(self, kind: CompactKind, embedding: int) -> None:
+    def __init__(self, kind: CompactKind, embedding: int, gate: int) -> None:
         super().__init__()
         self.kind = kind
         self.visual = kind.channels[0]
         self.embedding = nn.Linear(self.visual, embedding)
-        self.gate = nn.Sequential(nn.Linear(sum(kind.channels), _GATE), nn.ReLU(), nn.Linear(_GATE, _HEADS))
+        self.gate = nn.Sequential(nn.Linear(sum(kind.channels), gate), nn.ReLU(), nn.Linear(gate, _HEADS))
         self.position = nn.Parameter(_stripes())
         self.project = nn.Linear(embedding * _HEADS, DESCRIPTOR_SIZE)
 

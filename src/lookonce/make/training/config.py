@@ -21,6 +21,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "identities": (2, 100_000),
     "rows": (2, 1000),
     "embedding": (4, 1024),
+    "gate": (4, 1024),
     "learning_rate": (1e-7, 1),
     "weight_decay": (0, 1),
     "temperature": (0.01, 1),
@@ -35,6 +36,7 @@ _AFTER_READING = frozenset(
         "identities",
         "rows",
         "embedding",
+        "gate",
         "learning_rate",
         "weight_decay",
         "temperature",
@@ -62,6 +64,7 @@ class FitConfig:
         identities: in a batch, about.
         rows: of each identity in a batch, at most.
         embedding: numbers that kind compact makes of each point of a box; the model file grows with it.
+        gate: numbers by which kind compact decides which points count; its time in the model grows with it.
         learning_rate: the highest; it rises over the first tenth of the steps and falls to nothing (one cycle).
         weight_decay: of AdamW.
         temperature: of the contrastive loss (kind compact).
@@ -83,6 +86,7 @@ class FitConfig:
     identities: int = 160
     rows: int = 4
     embedding: int = 48
+    gate: int = 16
     learning_rate: float = 3e-3
     weight_decay: float = 1e-3
     temperature: float = 0.1

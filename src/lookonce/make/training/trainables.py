@@ -28,6 +28,7 @@ __all__ = ["Head", "Kind", "kind_of", "settled", "trainable_for"]
 
 _ROWS_FOR_STATISTICS = 2048  # of 32 points each; more would take much memory and change little
 _OF_ANY_CLASS = ("clips", "stills")  # kinds of sources that teach the networks of all classes
+_EITHER = 0.5  # weight of the loss in which each row is read by either network
 
 Kind = CompactKind | PaperKind
 
@@ -72,6 +73,9 @@ class _Compact:
 
     Stills and clips teach all of them, whatever they show: more identities are worth more than a class of one's own.
     Labelled sequences and rendered crowds have much of one class, and each row teaches the network of its class alone.
+
+    One more term holds the networks' spaces together: of the rows that teach all of them, each is read by one of them
+    at random. A rider whose class changes from person to bicycle, and so the network, then still resembles itself.
     """
 
     def __init__(self, kind: CompactKind, readings: Readings, config: FitConfig) -> None:
@@ -79,7 +83,7 @@ class _Compact:
         points = readings.values["points"]
         some = np.linspace(0, len(points) - 1, min(len(points), _ROWS_FOR_STATISTICS)).astype(int)
         channels = points[some].astype(np.float32).reshape(-1, points.shape[-1])
-        self._head = CompactHead(kind, channels.mean(axis=0), channels.std(axis=0), config.embedding)
+        self._head = CompactHead(kind, channels.mean(axis=0), channels.std(axis=0), config.embedding, config.gate)
         is_of_any = np.isin(np.array(readings.kinds), _OF_ANY_CLASS)[readings.source]
         self._teaches = [is_of_any | (readings.values["group"] == number) for number in range(len(self._head.networks))]
 
@@ -89,16 +93,21 @@ class _Compact:
 
     def loss(self, values: Mapping[str, Tensor], rows: NDArray[np.int64]) -> Tensor:
         points = values["points"]
-        losses = []
+        either = np.all(self._teaches, axis=0)[rows]
+        losses, described = [], []
         for number, teaches in enumerate(self._teaches):
-            chosen = np.flatnonzero(teaches[rows])
-            if len(chosen):
-                losses.append(self._loss_of(number, points[torch.from_numpy(chosen).to(points.device)], rows[chosen]))
+            some = np.flatnonzero(teaches[rows])
+            if len(some):
+                descriptors = self._head.describe_by(number, points[torch.from_numpy(some).to(points.device)])
+                losses.append(self._contrast(descriptors, rows[some]))
+                described.append(descriptors[torch.from_numpy(either[some]).to(points.device)])
+        if len(self._teaches) > 1 and either.any():
+            of_network = nn.functional.one_hot(torch.randint(len(described), (len(described[0]),)), len(described))
+            mixed = (torch.stack(described) * of_network.T[..., None].to(points.device)).sum(dim=0)
+            losses.append(_EITHER * self._contrast(mixed, rows[either]))
         return torch.stack(losses).sum()
 
-    def _loss_of(self, number: int, points: Tensor, rows: NDArray[np.int64]) -> Tensor:
-        """Of one network."""
-        descriptors = self._head.describe_by(number, points)
+    def _contrast(self, descriptors: Tensor, rows: NDArray[np.int64]) -> Tensor:
         identity = torch.from_numpy(self._readings.identity[rows]).to(descriptors.device)
         is_comparable = torch.from_numpy(comparable(self._readings, rows)).to(descriptors.device)
         return contrastive_loss(descriptors, identity, is_comparable, self._temperature)
