@@ -53,7 +53,7 @@ CLIPS = (  # those in which the teacher sees what there is; haarcascades_video2 
 SCENES = tuple(seed for seed in range(16) if seed != 1)  # 1 is the demo's
 LIGHTS = ("day", "day", "change", "night")  # by seed
 DETECTOR = DetectorConfig(epochs=60, video_frames=50)
-DESCRIPTORS = FitConfig(collages=2, crowds=480, rows=8, embedding=192, gate=32, cache_gb=4)
+DESCRIPTORS = FitConfig(collages=2, crowds=480, rows=8, embedding=192, gate=32, shared_space=0.5, cache_gb=4)
 HALF_OF_PETS = 397  # frames
 LICENSE = "Apache-2.0"
 TEACHERS_LEAST_SCORE = 0.1

@@ -91,6 +91,7 @@ def fit_command(
     rows: Annotated[int | None, _setting("Pictures of an identity in a batch [4].")] = None,
     embedding: Annotated[int | None, _setting("Of kind compact: numbers made of each point of a box [48].")] = None,
     gate: Annotated[int | None, _setting("Of kind compact: numbers that decide which points count [16].")] = None,
+    shared_space: Annotated[float | None, _setting("Weight of one space for people and the rest [0].")] = None,
     learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.003].")] = None,
     weight_decay: Annotated[float | None, _setting("Of AdamW [0.001].")] = None,
     temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
@@ -99,11 +100,10 @@ def fit_command(
     cache_gb: Annotated[float | None, _setting("Disk and memory for features, 10^9 bytes [1].")] = None,
 ) -> None:
     """Train descriptors on a frozen detector: boxes stay the same to the byte, identities become tellable."""
-    settings = _settings(config, locals())
     _check_output(output, may_exist=overwrite or resume)
     _run(
         _read_data(data or [], stills or [], video or [], frames),
-        settings,
+        _settings(config, locals()),
         model=model,
         output=output,
         device=device,

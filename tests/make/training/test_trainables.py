@@ -59,11 +59,14 @@ def test_the_loss_is_the_sum_over_the_networks():
     torch.testing.assert_close(loss(np.arange(len(readings))), sum(apart))
 
 
-@pytest.mark.parametrize(("kind", "is_held"), [("stills", True), ("clips", True), ("sequences", False)])
-def test_sources_of_any_class_hold_the_spaces_of_the_networks_together(kind, is_held):
+@pytest.mark.parametrize(
+    ("kind", "weight", "is_held"),
+    [("stills", 0.5, True), ("clips", 0.5, True), ("sequences", 0.5, False), ("stills", 0, False)],
+)
+def test_sources_of_any_class_hold_the_spaces_of_the_networks_together(kind, weight, is_held):
     readings = _readings(kind)
     values, rows = {n: torch.from_numpy(v) for n, v in readings.values.items()}, np.arange(len(readings))
-    head = trainable_for(BOTH, readings, FitConfig())
+    head = trainable_for(BOTH, readings, FitConfig(shared_space=weight))
     head.module.eval()  # hides no points
     one, other = head.module.networks
     other.load_state_dict(one.state_dict())

@@ -22,6 +22,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "rows": (2, 1000),
     "embedding": (4, 1024),
     "gate": (4, 1024),
+    "shared_space": (0, 100),
     "learning_rate": (1e-7, 1),
     "weight_decay": (0, 1),
     "temperature": (0.01, 1),
@@ -37,6 +38,7 @@ _AFTER_READING = frozenset(
         "rows",
         "embedding",
         "gate",
+        "shared_space",
         "learning_rate",
         "weight_decay",
         "temperature",
@@ -65,6 +67,9 @@ class FitConfig:
         rows: of each identity in a batch, at most.
         embedding: numbers that kind compact makes of each point of a box; the model file grows with it.
         gate: numbers by which kind compact decides which points count; its time in the model grows with it.
+        shared_space: weight of the loss that holds together what kind compact's two networks, for people and for all
+            else, say of one object. Worth it where the detector takes one object now for a person, now for something
+            else, as riders of bicycles; 0.5 is a good value.
         learning_rate: the highest; it rises over the first tenth of the steps and falls to nothing (one cycle).
         weight_decay: of AdamW.
         temperature: of the contrastive loss (kind compact).
@@ -87,6 +92,7 @@ class FitConfig:
     rows: int = 4
     embedding: int = 48
     gate: int = 16
+    shared_space: float = 0.0
     learning_rate: float = 3e-3
     weight_decay: float = 1e-3
     temperature: float = 0.1

@@ -28,7 +28,6 @@ __all__ = ["Head", "Kind", "kind_of", "settled", "trainable_for"]
 
 _ROWS_FOR_STATISTICS = 2048  # of 32 points each; more would take much memory and change little
 _OF_ANY_CLASS = ("clips", "stills")  # kinds of sources that teach the networks of all classes
-_EITHER = 0.5  # weight of the loss in which each row is read by either network
 
 Kind = CompactKind | PaperKind
 
@@ -74,12 +73,13 @@ class _Compact:
     Stills and clips teach all of them, whatever they show: more identities are worth more than a class of one's own.
     Labelled sequences and rendered crowds have much of one class, and each row teaches the network of its class alone.
 
-    One more term holds the networks' spaces together: of the rows that teach all of them, each is read by one of them
-    at random. A rider whose class changes from person to bicycle, and so the network, then still resembles itself.
+    One more term, of weight ``config.shared_space``, holds the networks' spaces together: of the rows that teach all of
+    them, each is read by one of them at random. A rider whose class changes from person to bicycle, and so the
+    network, then still resembles itself.
     """
 
     def __init__(self, kind: CompactKind, readings: Readings, config: FitConfig) -> None:
-        self._readings, self._temperature = readings, config.temperature
+        self._readings, self._temperature, self._shared_space = readings, config.temperature, config.shared_space
         points = readings.values["points"]
         some = np.linspace(0, len(points) - 1, min(len(points), _ROWS_FOR_STATISTICS)).astype(int)
         channels = points[some].astype(np.float32).reshape(-1, points.shape[-1])
@@ -101,10 +101,10 @@ class _Compact:
                 descriptors = self._head.describe_by(number, points[torch.from_numpy(some).to(points.device)])
                 losses.append(self._contrast(descriptors, rows[some]))
                 described.append(descriptors[torch.from_numpy(either[some]).to(points.device)])
-        if len(self._teaches) > 1 and either.any():
+        if self._shared_space > 0 and len(self._teaches) > 1 and either.any():
             of_network = nn.functional.one_hot(torch.randint(len(described), (len(described[0]),)), len(described))
             mixed = (torch.stack(described) * of_network.T[..., None].to(points.device)).sum(dim=0)
-            losses.append(_EITHER * self._contrast(mixed, rows[either]))
+            losses.append(self._shared_space * self._contrast(mixed, rows[either]))
         return torch.stack(losses).sum()
 
     def _contrast(self, descriptors: Tensor, rows: NDArray[np.int64]) -> Tensor:
