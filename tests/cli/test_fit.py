@@ -316,6 +316,7 @@ def test_bad_settings_files_are_one_line(lookonce, square_model, stills, tmp_pat
         pytest.param(["--video", "gone.mp4"], ["gone.mp4", "no such video"], id="no such video"),
         pytest.param(["gone"], ["gone", "no such folder"], id="no such data"),
         pytest.param(["--stills", "gone"], ["gone", "no such folder"], id="no such stills"),
+        pytest.param(["--stills", "stills", "stills"], ["no truth", "needs --stills before it"], id="stills as DATA"),
         pytest.param(["--stills", "stills", "--frames", "stills"], ["--frames", "there are 0"], id="frames of nothing"),
         pytest.param(["walk", "walk", "--frames", "stills"], ["--frames", "there are 2"], id="frames of two"),
         pytest.param(["--stills", "stills", "--kind", "best"], ["'best'", "compact or paper"], id="kind"),

@@ -17,6 +17,7 @@ from lookonce.errors import ConfigError, OutputError
 from lookonce.model import Model
 
 if TYPE_CHECKING:
+    from lookonce.datasets import LabelledSequence
     from lookonce.make.training.config import FitConfig
     from lookonce.make.training.fit import FitData, FitResult
 
@@ -149,8 +150,17 @@ def _read_data(data: list[Path], stills: list[Path], videos: list[Path], frames:
         raise ConfigError(
             f"fit needs the extra 'train' ({exc.name} is missing); pip install 'lookonce[train]'"
         ) from exc
-    sequences = [sequence for path in data for sequence in open_sequences(path, pictures=frames)]
+    sequences = [sequence for path in data for sequence in _open_sequences(path, frames)]
     return FitData(tuple(sequences), tuple(open_stills(path) for path in stills), tuple(videos))
+
+
+def _open_sequences(path: Path, frames: Path | None) -> tuple[LabelledSequence, ...]:
+    try:
+        return open_sequences(path, pictures=frames)
+    except ConfigError as exc:
+        if frames is not None or not path.is_dir():
+            raise
+        raise ConfigError(f"{exc}; a folder of pictures needs --stills before it") from exc
 
 
 def _run(
