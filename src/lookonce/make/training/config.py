@@ -69,7 +69,7 @@ class FitConfig:
         gate: numbers by which kind compact decides which points count; its time in the model grows with it.
         shared_space: weight of the loss that holds together what kind compact's two networks, for people and for all
             else, say of one object. Worth it where the detector takes one object now for a person, now for something
-            else, as riders of bicycles; 0.5 is a good value.
+            else; 0.5 is a good value.
         learning_rate: the highest; it rises over the first tenth of the steps and falls to nothing (one cycle).
         weight_decay: of AdamW.
         temperature: of the contrastive loss (kind compact).

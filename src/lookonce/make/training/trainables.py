@@ -74,8 +74,8 @@ class _Compact:
     Labelled sequences and rendered crowds have much of one class, and each row teaches the network of its class alone.
 
     One more term, of weight ``config.shared_space``, holds the networks' spaces together: of the rows that teach all of
-    them, each is read by one of them at random. A rider whose class changes from person to bicycle, and so the
-    network, then still resembles itself.
+    them, each is read by one of them at random. An object whose class changes, and so the network, then still
+    resembles itself.
     """
 
     def __init__(self, kind: CompactKind, readings: Readings, config: FitConfig) -> None:
