@@ -92,7 +92,7 @@ def fit_command(
     rows: Annotated[int | None, _setting("Pictures of an identity in a batch [4].")] = None,
     embedding: Annotated[int | None, _setting("Of kind compact: numbers made of each point of a box [48].")] = None,
     gate: Annotated[int | None, _setting("Of kind compact: numbers that decide which points count [16].")] = None,
-    shared_space: Annotated[float | None, _setting("Weight of one space for people and the rest [0].")] = None,
+    shared_space: Annotated[float | None, _setting("Of kind compact: weight of one space for all classes [0].")] = None,
     learning_rate: Annotated[float | None, _setting("The highest of the cycle [0.003].")] = None,
     weight_decay: Annotated[float | None, _setting("Of AdamW [0.001].")] = None,
     temperature: Annotated[float | None, _setting("Of the contrastive loss [0.1].")] = None,
