@@ -13,6 +13,7 @@ from lookonce.stories import FrameStory
 __all__ = [
     "NO_ID",
     "Detections",
+    "Filled",
     "GivenBack",
     "Track",
     "Tracks",
@@ -153,7 +154,7 @@ class GivenBack:
         frames: (G,) int64, the frame of each row, by the number that the tracker was given, or of its update from 0.
         rows: (G,) int64, its place among the rows of that frame.
         ids: (G,) int64.
-        xyxy: (G, 4) float32, px of the original image: the detections' boxes.
+        xyxy: (G, 4) float32, px of the original image, as in ``Tracks``.
         scores: (G,) float32.
         labels: (G,) int64.
     """
@@ -174,8 +175,44 @@ class GivenBack:
         return _NOTHING
 
 
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """Boxes of objects that are seen again, for earlier frames in which nobody detected them.
+
+    Attributes:
+        frames: (F,) int64, by the number that the tracker was given, or of its update from 0.
+        ids: (F,) int64.
+        xyxy: (F, 4) float32, px of the original image: on the straight line between the boxes before and after.
+        labels: (F,) int64.
+    """
+
+    frames: NDArray[np.int64]
+    ids: NDArray[np.int64]
+    xyxy: NDArray[np.float32]
+    labels: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def nothing(cls) -> Filled:
+        """No boxes."""
+        return _NO_GAPS
+
+    @classmethod
+    def joined(cls, parts: Sequence[Filled]) -> Filled:
+        """Those of all parts, at least one, in their order."""
+        return cls(
+            np.concatenate([part.frames for part in parts]),
+            np.concatenate([part.ids for part in parts]),
+            np.concatenate([part.xyxy for part in parts]),
+            np.concatenate([part.labels for part in parts]),
+        )
+
+
 _NONE = np.zeros(0, np.int64)
 _NOTHING = GivenBack(_NONE, _NONE, _NONE, np.zeros((0, 4), np.float32), np.zeros(0, np.float32), _NONE)
+_NO_GAPS = Filled(_NONE, _NONE, np.zeros((0, 4), np.float32), _NONE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,13 +221,14 @@ class Tracks:
 
     Attributes:
         ids: (N,) int64, from 1; -1 = no identity (yet).
-        xyxy: (N, 4) float32, px of the original image: the detections' boxes.
+        xyxy: (N, 4) float32, px of the original image: the detections' boxes, which a preset may make steadier.
         scores: (N,) float32.
         labels: (N,) int64.
         unseen_ids: (U,) int64, objects that are alive and were not detected in this frame.
         unseen_xyxy: (U, 4) float32, where the tracker believes them to be.
         names: class names by label, where known.
         given_back: rows of earlier frames that belong to objects confirmed in this one.
+        filled: boxes for earlier frames, of objects that were missed there and are seen again.
         story: why, where the tracker was asked to explain.
     """
 
@@ -202,6 +240,7 @@ class Tracks:
     unseen_xyxy: NDArray[np.float32]
     names: tuple[str, ...] = ()
     given_back: GivenBack = _NOTHING
+    filled: Filled = _NO_GAPS
     story: FrameStory | None = None
 
     def __len__(self) -> int:
@@ -211,7 +250,7 @@ class Tracks:
         """The same with only the rows that have an identity; without the story, which goes by rows."""
         rows = self.ids != NO_ID
         own = self.ids[rows], self.xyxy[rows], self.scores[rows], self.labels[rows]
-        return Tracks(*own, self.unseen_ids, self.unseen_xyxy, self.names, self.given_back)
+        return Tracks(*own, self.unseen_ids, self.unseen_xyxy, self.names, self.given_back, self.filled)
 
     def __iter__(self) -> Iterator[Track]:
         """The rows that have an identity."""

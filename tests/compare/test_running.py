@@ -28,12 +28,13 @@ def test_answers_fit_the_rows_that_were_asked_for(detections):
     contender = contenders()["iou"]
     with TrackerProcess(contender, 60) as process:
         for every, score in ((1, 0.0), (2, 0.0), (1, 0.5)):
-            answer, ids = process.run(path, every, score, ())
+            answer, associated = process.run(path, every, score, ())
             assert answer.error == ""
             assert answer.frames == 12 / every
             chosen = sequence.every(every)
             chosen = chosen.rows(chosen.scores >= score)
-            assert np.array_equal(ids, contender.associate(chosen))
+            assert associated is not None
+            assert np.array_equal(associated.ids, contender.answer(chosen).ids)
             assert answer.seconds > 0
             assert answer.peak_mb == 0 or answer.peak_mb > 10
 
@@ -51,9 +52,9 @@ def test_tracker_that_fails_says_how(tmp_path):
     bare = tmp_path / "bare.npz"
     write_detections(bare, StoredDetections(replace(sequence, descriptors=None)))
     with TrackerProcess(contenders()["lookonce-paper"], 60) as process:
-        answer, ids = process.run(bare, 1, 0.0, ())
+        answer, associated = process.run(bare, 1, 0.0, ())
         assert answer.error.startswith("ValueError: ")
-        assert len(ids) == 0
+        assert associated is None
 
 
 def test_process_that_ends_says_its_last_words(tmp_path):
@@ -71,3 +72,24 @@ def test_results_are_mot_text_with_ids_from_1(tmp_path):
     assert rows.frames.tolist() == [0, 2, 2]
     assert rows.ids.tolist() == [1, 1, 4]
     assert np.array_equal(rows.xyxy, sequence.xyxy[[0, 2, 3]])
+
+
+def test_boxes_that_a_tracker_makes_itself_are_in_the_results(tmp_path):
+    """A gap of two frames, in every second frame of a video: our preset fills it, and its twin leaves it open."""
+    sequence, _ = make_sequence([lane(0, hidden=(20, 22)), lane(200)], frames=40, every=2)
+    path = tmp_path / "a.npz"
+    write_detections(path, StoredDetections(sequence))
+    written = {}
+    for name in ("lookonce-default", "lookonce-detected"):
+        with TrackerProcess(contenders()[name], 60) as process:
+            answer, associated = process.run(path, 1, 0.0, ())
+        assert answer.error == ""
+        write_results(tmp_path / f"{name}.txt", sequence, associated)
+        written[name] = read_mot_results(tmp_path / f"{name}.txt")
+    ours, plain = written["lookonce-default"], written["lookonce-detected"]
+    added = ours.flags == 0
+    assert sorted(ours.frames[added].tolist()) == [20, 22]
+    first = sequence.row_frames == 0
+    assert set(ours.ids[added].tolist()) == set(ours.ids[(ours.frames == 18) & (ours.xyxy[:, 1] < 100)].tolist())
+    assert (len(plain), len(ours)) == (len(sequence), len(sequence) + 2)
+    assert np.allclose(np.sort(plain.xyxy[plain.frames == 0], axis=0), np.sort(sequence.xyxy[first], axis=0))

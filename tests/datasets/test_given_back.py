@@ -18,8 +18,8 @@ def row(**changes: object) -> dict[str, object]:
     return {"frame": 0, "id": 1, "name": "car", "xyxy": [1, 2, 3, 4], "score": 0.5} | changes
 
 
-def line(back: object, frame: int = 5) -> str:
-    return json.dumps({"frame": frame, "tracks": [], "given_back": back}) + "\n"
+def line(back: object, frame: int = 5, key: str = "given_back") -> str:
+    return json.dumps({"frame": frame, "tracks": [], key: back}) + "\n"
 
 
 def test_rows_given_back_are_rows_of_their_frames(tmp_path):
@@ -81,3 +81,19 @@ def test_row_given_back_without_id_is_no_box_and_hides_no_count(tmp_path):
     found = read_jsonl_results(write(tmp_path / "t.jsonl", HEADER + WAITING + line([row(id=None)])))
     assert len(found.rows) == 0
     assert found.left_out == {"no identity (yet)": 1}
+
+
+@pytest.mark.parametrize(
+    ("filled", "said"),
+    [
+        pytest.param({"frame": 0}, "filled: a list of tracks", id="no-list"),
+        pytest.param([row(frame=6)], "filled: tracks with a frame up to 5", id="later-frame"),
+        pytest.param([row(id=-1)], "id: a whole number", id="negative-id"),
+        pytest.param([row(), row()], "id 1 a second time in frame 0", id="twice"),
+    ],
+)
+def test_bad_rows_that_are_filled_in_are_refused_as_well(filled, said, tmp_path):
+    path = write(tmp_path / "t.jsonl", HEADER + WAITING + line(filled, key="filled"))
+    message = refusal(FormatError, lambda: read_jsonl_results(path))
+    assert said in message
+    assert "t.jsonl:3:" in message

@@ -1,4 +1,4 @@
-"""Rows of earlier frames whose object is confirmed only now, in the files."""
+"""Rows of earlier frames, given back or filled in, in the files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from lookonce.datasets.jsonl_tracks import read_jsonl_results
 from lookonce.output import JsonLinesSink, MotSink
-from lookonce.structures import GivenBack
+from lookonce.structures import Filled, GivenBack
 from output.scenes import make_frame, make_tracks
 
 
@@ -89,3 +89,34 @@ def test_what_is_written_comes_back_with_all_rows(tmp_path):
     assert sorted(zip(found.rows.frames.tolist(), found.rows.ids.tolist(), strict=True)) == [(0, 2), (3, 2), (6, 2)]
     assert {found.names[label] for label in found.rows.labels} == {"car"}
     assert found.left_out == {"no identity (yet)": 1}
+
+
+FILLED = Filled(
+    np.array([4, 5]), np.array([2, 2]), np.array([[1, 2, 4, 6], [2, 2, 5, 6]], np.float32), np.array([1, 1])
+)
+
+
+def test_what_is_filled_in_has_score_0_in_the_text(tmp_path):
+    with MotSink(tmp_path / "r.txt") as sink:
+        sink.write(make_frame(6), replace(CONFIRMED, filled=FILLED))
+    assert (tmp_path / "r.txt").read_text().splitlines()[3:] == [
+        "5,2,1.00,2.00,3.00,4.00,0.0000,-1,-1,-1",
+        "6,2,2.00,2.00,3.00,4.00,0.0000,-1,-1,-1",
+    ]
+
+
+def test_what_is_filled_in_is_read_as_a_result_but_not_as_a_detection(tmp_path):
+    path = tmp_path / "t.jsonl"
+    with JsonLinesSink(path, {}, ["bus", "car"]) as sink:
+        sink.write(make_frame(6), replace(make_tracks([2], [[3, 2, 6, 6]], [0.9], [1]), filled=FILLED))
+        sink.write(make_frame(7), make_tracks())
+    first, second = _lines(path)
+    row = {"id": 2, "label": 1, "name": "car", "score": 0.0}
+    assert first["filled"] == [
+        {"frame": 4, **row, "xyxy": [1.0, 2.0, 4.0, 6.0]},
+        {"frame": 5, **row, "xyxy": [2.0, 2.0, 5.0, 6.0]},
+    ]
+    assert "filled" not in second
+    assert read_jsonl_results(path).rows.frames.tolist() == [6, 4, 5]
+    assert read_jsonl_results(path).left_out == {}
+    assert read_jsonl_results(path, needs_identity=False).rows.frames.tolist() == [6]

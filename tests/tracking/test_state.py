@@ -43,7 +43,9 @@ def run(tracker: Tracker, frames: list[Detections], first: int = 0) -> list[str]
         back = tracks.given_back
         digest = hashlib.sha256(tracks.ids.tobytes() + tracks.labels.tobytes() + tracks.unseen_ids.tobytes())
         digest.update(tracks.unseen_xyxy.tobytes() + back.frames.tobytes() + back.rows.tobytes() + back.ids.tobytes())
-        digest.update(back.xyxy.tobytes() + back.scores.tobytes() + back.labels.tobytes())
+        digest.update(back.xyxy.tobytes() + back.scores.tobytes() + back.labels.tobytes() + tracks.xyxy.tobytes())
+        filled = tracks.filled
+        digest.update(filled.frames.tobytes() + filled.ids.tobytes() + filled.xyxy.tobytes() + filled.labels.tobytes())
         digests.append(digest.hexdigest())
     return digests
 
@@ -74,7 +76,9 @@ def test_the_scene_has_what_a_state_must_hold() -> None:
         held |= {"views"} if (rule.looks.view_count > 0).any() else set()
         held |= {"hidden"} if (rule.objects.seen_s < rule.now_s).any() else set()
         held |= {"scores"} if rule.moving.count else set()
-    assert held == {"rows that wait", "confirmed", "views", "hidden", "scores"}
+        held |= {"surprises"} if rule.own_boxes.steadying.pairs > 50 else set()
+        held |= {"gaps"} if len(tracker.filled) else set()
+    assert held == {"rows that wait", "confirmed", "views", "hidden", "scores", "surprises", "gaps"}
 
 
 def test_without_descriptors(tmp_path: Path) -> None:

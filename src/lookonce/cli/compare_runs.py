@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lookonce.cli.compare_rows import CompareRow, Speed
 from lookonce.cli.compare_scenes import Scene
@@ -15,6 +14,7 @@ from lookonce.cli.evaluated_results import ResultFile, SequenceResult
 from lookonce.cli.evaluated_runs import ClassChoice, EvaluatedRun, evaluate_run
 from lookonce.cli.evaluated_truth import TrueSequence, thin
 from lookonce.cli.stages import StageScreen
+from lookonce.compare.associated import Associated
 from lookonce.compare.contenders.registry import CROPS, PLAIN_SCORE, Contender
 from lookonce.compare.jobs import Answer, select
 from lookonce.compare.oracle import oracle_ids
@@ -75,12 +75,12 @@ class Comparison:
         answers: list[Answer] = []
         where = f"threshold {threshold:.1f}" if threshold is not None else f"every {every}"
         for scene in self.scenes if not note else ():
-            answer, ids = process.run(_detections(contender, scene), every, min_score, self.labels)
-            if answer.error:
+            answer, associated = process.run(_detections(contender, scene), every, min_score, self.labels)
+            if associated is None:
                 note = f"{scene.true.name}: {answer.error}"
                 break
             answers.append(answer)
-            self._write(scene, every, min_score, ids, folder)
+            self._write(scene, every, min_score, associated, folder)
             self.screen.stage(f"{contender.title}, {where}", len(answers), len(self.scenes), "sequences")
         if note:
             return CompareRow(contender.name, contender.title, every, min_score, note, threshold=threshold)
@@ -104,8 +104,8 @@ class Comparison:
             write_results(_result(folder, scene), chosen, np.arange(len(chosen)))
         return self._evaluate("detector", 1, folder)
 
-    def _write(self, scene: Scene, every: int, min_score: float, ids: NDArray[np.int64], folder: Path) -> None:
-        write_results(_result(folder, scene), select(scene.stored.sequence, every, min_score, self.labels), ids)
+    def _write(self, scene: Scene, every: int, min_score: float, answer: Associated, folder: Path) -> None:
+        write_results(_result(folder, scene), select(scene.stored.sequence, every, min_score, self.labels), answer)
 
     def _evaluate(self, title: str, every: int, folder: Path) -> EvaluatedRun:
         """From the files, so that `lookonce eval` says the same of them."""

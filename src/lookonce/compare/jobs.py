@@ -21,14 +21,14 @@ class Job:
         every: every so many-th frame.
         min_score: detections from this score on.
         labels: of these classes; none = all.
-        ids: where the answer goes.
+        answer: where the answer goes.
     """
 
     detections: str
     every: int
     min_score: float
     labels: tuple[int, ...]
-    ids: str
+    answer: str
 
     @classmethod
     def of_line(cls, line: str) -> Job:

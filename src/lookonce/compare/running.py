@@ -13,9 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lookonce.compare.associated import Associated
 from lookonce.compare.contenders.registry import Contender
 from lookonce.compare.jobs import Answer, Job
 from lookonce.video.opening import one_line
@@ -54,15 +52,12 @@ class TrackerProcess:
 
     def run(
         self, detections: Path, every: int, min_score: float, labels: tuple[int, ...]
-    ) -> tuple[Answer, NDArray[np.int64]]:
-        """How the task went, and the ids of the rows that ``select`` gives; none where it failed."""
-        path = Path(self._folder.name) / "ids.npy"
+    ) -> tuple[Answer, Associated | None]:
+        """How the task went, and the answer for the rows that ``select`` gives; None where it failed."""
+        path = Path(self._folder.name) / "answer.npz"
         job = Job(str(detections.absolute()), every, min_score, labels, str(path))
         answer = self._ask(job)
-        if answer.error:
-            return answer, np.zeros(0, np.int64)
-        ids = np.load(path, allow_pickle=False)
-        return answer, ids.astype(np.int64)
+        return answer, None if answer.error else Associated.load(path)
 
     def _ask(self, job: Job) -> Answer:
         process = self._process or self._start()

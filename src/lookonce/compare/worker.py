@@ -25,7 +25,7 @@ _STATUS = Path("/proc/self/status")
 
 def serve(contender: Contender, lines: TextIO, answers: TextIO) -> None:
     """Does one task after the other until there are no more lines; loading libraries is not part of any."""
-    contender.associate(_warm_up())
+    contender.answer(_warm_up())
     for line in lines:
         answers.write(json.dumps(asdict(_do(contender, Job.of_line(line)))) + "\n")
         answers.flush()
@@ -35,12 +35,11 @@ def _do(contender: Contender, job: Job) -> Answer:
     sequence = job.select(read_detections(Path(job.detections)).sequence)
     start, cpu = time.perf_counter(), time.process_time()
     try:
-        ids = contender.associate(sequence)
+        answer = contender.answer(sequence)
     except Exception as exc:  # noqa: BLE001 - somebody else's tracker may fail in any way, and the others go on
         return Answer(frames=len(sequence.frames), error=f"{type(exc).__name__}: {exc}")
     seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
-    with open(job.ids, "wb") as file:
-        np.save(file, ids, allow_pickle=False)
+    answer.save(Path(job.answer))
     return Answer(seconds, cpu, len(sequence.frames), peak_mb())
 
 

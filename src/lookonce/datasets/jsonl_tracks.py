@@ -86,17 +86,25 @@ def _add_frame(path: Path, line: int, record: dict[str, object], found: _Collect
         raise fault(path, line, message)
     for track in tracks:
         _add_track(path, line, frame, track, found)
-    given_back = record.get("given_back", []) if found.needs_identity else []  # else they have been read before
-    if not isinstance(given_back, list):
-        raise _bad(path, line, "given_back: a list of tracks", given_back)
-    for track in given_back:
-        earlier = _whole(track.get("frame"), frame) if isinstance(track, dict) else None
-        if earlier is None:
-            raise _bad(path, line, f"given_back: tracks with a frame up to {frame}", track)
-        _add_track(path, line, earlier, track, found)
-        found.left_out[_NO_IDENTITY] -= 1  # where it stood it had none yet
+    if found.needs_identity:  # else those given back have been read before, and what is filled in was not detected
+        given_back = _add_earlier(path, line, frame, record, "given_back", found)
+        found.left_out[_NO_IDENTITY] -= given_back
+        _add_earlier(path, line, frame, record, "filled", found)
     if len(found.numbers) > 4 * MAX_ROWS:
         raise fault(path, line, f"more than {MAX_ROWS:,} boxes; split it into sequences")
+
+
+def _add_earlier(path: Path, line: int, frame: int, record: dict[str, object], what: str, found: _Collected) -> int:
+    """Add the tracks of earlier frames under the key ``what``; how many."""
+    tracks = record.get(what, [])
+    if not isinstance(tracks, list):
+        raise _bad(path, line, f"{what}: a list of tracks", tracks)
+    for track in tracks:
+        earlier = _whole(track.get("frame"), frame) if isinstance(track, dict) else None
+        if earlier is None:
+            raise _bad(path, line, f"{what}: tracks with a frame up to {frame}", track)
+        _add_track(path, line, earlier, track, found)
+    return len(tracks)
 
 
 def _add_track(path: Path, line: int, frame: int, track: object, found: _Collected) -> None:

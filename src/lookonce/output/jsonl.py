@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lookonce.output.append_only import AppendOnlyFile
 from lookonce.output.sink import Sink
-from lookonce.structures import NO_ID, GivenBack, Tracks, class_name
+from lookonce.structures import NO_ID, Filled, GivenBack, Tracks, class_name
 from lookonce.video.frame import Frame
 
 __all__ = ["JsonLinesSink"]
@@ -32,9 +32,10 @@ class JsonLinesSink(Sink):
     """Writes everything the tracker says, a JSON object a line, UTF-8.
 
     Every frame has a line, with objects or without: ``frame``, ``time_s``, ``size``, ``tracks`` (``id``, ``label``,
-    ``name``, ``xyxy``, ``score``) and, where there are any, ``unseen`` (``id``, ``xyxy``) and ``given_back``: tracks of
-    earlier frames, each with its ``frame``, whose object is confirmed only now. A number that is not finite becomes
-    null, since JSON has no other word for it.
+    ``name``, ``xyxy``, ``score``) and, where there are any, ``unseen`` (``id``, ``xyxy``), ``given_back``: tracks of
+    earlier frames, each with its ``frame``, whose object is confirmed only now, and ``filled``: the same of objects
+    that nobody detected in those frames, with score 0. A number that is not finite becomes null, since JSON has no
+    other word for it.
 
     Args:
         path: the file; an existing one is emptied.
@@ -73,7 +74,9 @@ class JsonLinesSink(Sink):
                 for identity, box in zip(tracks.unseen_ids.tolist(), _boxes(tracks.unseen_xyxy), strict=True)
             ]
         if len(tracks.given_back):
-            record["given_back"] = self._given_back(tracks.given_back)
+            record["given_back"] = self._earlier(tracks.given_back, tracks.given_back.scores)
+        if len(tracks.filled):
+            record["filled"] = self._earlier(tracks.filled, np.zeros(len(tracks.filled)))
         self._file.append(_line(record))
 
     def _rows(self, tracks: Tracks) -> list[dict[str, object]]:
@@ -91,13 +94,13 @@ class JsonLinesSink(Sink):
             for identity, label, box, score in columns
         ]
 
-    def _given_back(self, back: GivenBack) -> list[dict[str, object]]:
+    def _earlier(self, rows: GivenBack | Filled, scores: NDArray[np.floating]) -> list[dict[str, object]]:
         columns = zip(
-            back.frames.tolist(),
-            back.ids.tolist(),
-            back.labels.tolist(),
-            _boxes(back.xyxy),
-            back.scores.tolist(),
+            rows.frames.tolist(),
+            rows.ids.tolist(),
+            rows.labels.tolist(),
+            _boxes(rows.xyxy),
+            scores.tolist(),
             strict=True,
         )
         return [

@@ -41,6 +41,7 @@ class Frame:
         overlaps: among all rows.
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
         has_jumped: (N,) bool, whether the object turns out to be a fast one.
+        reported: (N, 4) float32, the boxes to give out.
     """
 
     xyxy: NDArray[np.float64]
@@ -53,6 +54,7 @@ class Frame:
     overlaps: Overlaps
     object_of: NDArray[np.int64]
     has_jumped: NDArray[np.bool_]
+    reported: NDArray[np.float32]
 
 
 def best_first(

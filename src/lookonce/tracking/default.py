@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lookonce.distances import Quantized, quantize
 from lookonce.stories import Ended
-from lookonce.structures import NO_ID, Detections, GivenBack, Tracks
+from lookonce.structures import NO_ID, Detections, Filled, GivenBack, Tracks
 from lookonce.tracking.candidates import Frame, Pairs, best_first, find_pairs
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
@@ -24,6 +24,7 @@ from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states, moved
 from lookonce.tracking.objects import MovingScores, Objects
 from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
+from lookonce.tracking.own_boxes import OwnBoxes, Sightings
 from lookonce.tracking.pairs import TooManyPairsError
 from lookonce.tracking.waiting import Waiting, WaitingRow
 
@@ -40,7 +41,7 @@ class DefaultRule:
 
     def __init__(self, config: DefaultConfig, explains: bool = False) -> None:
         self.config = config
-        self.objects = _nobody(config)
+        self.objects = Objects.nobody(config.motion)
         self.looks = Looks(config.views, config.view_apart, config.view_interval_s)
         self.waiting = Waiting(config.given_back_rows)
         self.next_id = 1
@@ -51,6 +52,7 @@ class DefaultRule:
         self.offset_s = 0.0  # and how far the clock here is ahead of those given
         self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
         self.moving = MovingScores()
+        self.own_boxes = OwnBoxes(config)
         self.clock_faults = 0
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
@@ -95,22 +97,24 @@ class DefaultRule:
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
-        self._see(frame, rows, seen, unseen_s)
-        ids, labels, given_back = self._answer(frame, rows, seen, detections)
+        filled = self._see(frame, rows, seen, unseen_s)
+        self.own_boxes.passed.add(self._frame_number, self.now_s)
+        ids, labels, given_back = self._answer(frame, rows, seen)
         unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
-        new = self._begin(frame, detections)
+        new = self._begin(frame)
         if frame.looks is not None:
             if len(new):
                 slots, rows = np.concatenate([slots, self.objects.slots[-len(new) :]]), np.concatenate([rows, new])
             self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
         return Tracks(
             ids,
-            detections.xyxy,
+            frame.reported,
             detections.scores,
             labels,
             unseen_ids,
             unseen_boxes,
             given_back=given_back,
+            filled=filled,
             story=None if notes is None else tell(notes, ids, new, tuple(self._ended), self.config),
         )
 
@@ -189,6 +193,7 @@ class DefaultRule:
             overlaps,
             np.full(len(scores), -1),
             np.zeros(len(scores), np.bool_),
+            detections.xyxy,
         )
 
     def _overlaps(
@@ -286,23 +291,27 @@ class DefaultRule:
 
     def _see(
         self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], unseen_s: NDArray[np.float64]
-    ) -> None:
+    ) -> Filled:
         """What the matched rows (M,) say about their objects ``seen`` (M,), of all (P,) that were not for so long."""
         if not len(rows):
-            return
+            return Filled.nothing()
         objects = self.objects
         jumped = frame.has_jumped[rows].nonzero()[0]
         if len(jumped):
             fast = seen[jumped]
             objects.motions.widen_(fast, unseen_s[fast], self.config.motion)
-        objects.motions.correct_(seen, frame.states.T.take(rows, axis=1).T, self.config.motion)
+        states = frame.states.T.take(rows, axis=1).T
+        sightings = Sightings(rows, seen, states, objects.seen_s[seen], objects.last.take(seen, axis=1))
+        correction = objects.motions.correct_(seen, states, self.config.motion)
+        boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.now_s)
         objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence, self.moving)
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
         objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
         self.next_id += len(confirmed)
+        return self.own_boxes.fill(objects, sightings, boxes, self.now_s)
 
     def _answer(
-        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], detections: Detections
+        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], GivenBack]:
         """Ids and labels (N,) of all rows, and the earlier rows of objects that are confirmed now.
 
@@ -310,17 +319,17 @@ class DefaultRule:
         """
         is_real = self.objects.is_real[seen]
         for place in (~is_real).nonzero()[0].tolist():
-            self._wait(int(self.objects.serials[seen[place]]), int(rows[place]), detections)
+            self._wait(int(self.objects.serials[seen[place]]), int(rows[place]), frame)
         rows, seen = rows[is_real], seen[is_real]
         ids, labels = np.full(len(frame.scores), NO_ID), frame.labels.copy()
         ids[rows] = known = self.objects.ids[seen]
         labels[rows] = voted = self.objects.labels[seen]
         return ids, labels, self.waiting.give_back(self.objects.serials[seen], known, voted)
 
-    def _wait(self, serial: int, row: int, detections: Detections) -> None:
+    def _wait(self, serial: int, row: int, frame: Frame) -> None:
         number = row if self._numbers is None else int(self._numbers[row])
-        score, label = float(detections.scores[row]), int(detections.labels[row])
-        box = detections.xyxy[row].copy()
+        score, label = float(frame.scores[row]), int(frame.labels[row])
+        box = frame.reported[row].copy()
         self.waiting.add(serial, WaitingRow(self._frame_number, number, box, score, label))
 
     def _end(
@@ -365,7 +374,7 @@ class DefaultRule:
         self.looks.release(self.objects.slots[is_over])
         self.objects = self.objects.part(~is_over)
 
-    def _begin(self, frame: Frame, detections: Detections) -> NDArray[np.intp]:
+    def _begin(self, frame: Frame) -> NDArray[np.intp]:
         """New objects from what is left, not from second boxes of what is there; (B,) their rows, in their order."""
         is_free = frame.object_of < 0
         is_wanted = is_free & frame.is_usable & (frame.scores >= self.config.birth_score)
@@ -379,7 +388,7 @@ class DefaultRule:
         rest = frame.labels[rows], frame.scores[rows], frame.states[rows], self.now_s, self.config.motion
         self.objects = self.objects.joined(Objects.begin(serials, self.looks.take(len(rows)), *rest))
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
-            self._wait(serial, row, detections)
+            self._wait(serial, row, frame)
         return rows
 
 
@@ -388,8 +397,3 @@ def _are_left(frame: Frame, pairs: Pairs, objects: NDArray[np.int64], rows: NDAr
     are_left: NDArray[np.bool_] = frame.object_of[rows] < 0
     are_left &= ~pairs.is_taken[objects]
     return are_left
-
-
-def _nobody(config: DefaultConfig) -> Objects:
-    none, numbers = np.zeros(0, np.int64), np.zeros(0)
-    return Objects.begin(none, none, none, numbers, np.zeros((0, 4)), 0.0, config.motion)

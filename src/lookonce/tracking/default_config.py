@@ -48,6 +48,9 @@ class DefaultConfig:
         hidden_overlap: and no object that is hidden,
         hidden_s: since at most so long, s.
         given_back_rows: an object that is confirmed gets at most so many earlier rows back.
+        steady: whether boxes are made steadier, as far as the detector's own noise goes; else they are as detected.
+        fill_s: an object that is seen again after at most so long gets boxes for the frames in which it was missed, on
+            the straight line between, s; 0: never. At most 256 frames.
         frame_rate: frames a second where no times are given.
         motion: how objects move.
         evidence: when an object is taken as real.
@@ -77,6 +80,8 @@ class DefaultConfig:
     hidden_overlap: float = 0.1
     hidden_s: float = 3.0
     given_back_rows: int = 256
+    steady: bool = True
+    fill_s: float = 2.0
     frame_rate: float = 25.0
     motion: MotionConfig = field(default_factory=MotionConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)

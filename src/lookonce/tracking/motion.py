@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 
-__all__ = ["MotionConfig", "Motions", "box_states", "boxes_around", "moved", "squared_lengths"]
+__all__ = ["Correction", "MotionConfig", "Motions", "box_states", "boxes_around", "moved", "squared_lengths"]
 
 _F = NDArray[np.float64]
 
@@ -52,6 +52,19 @@ class MotionConfig:
 
 
 _LARGEST_SIZE_VARIANCE = 0.25  # a box half or twice as large, after any gap
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What M filters were corrected by.
+
+    Attributes:
+        surprise: (4, M) float64, the detection's ``box_states`` less the expected ones.
+        gains: (2, M) float64, the share of it that the filters of place and size have taken over.
+    """
+
+    surprise: _F
+    gains: _F
 
 
 @dataclass(slots=True)
@@ -148,13 +161,15 @@ class Motions:
         size_variance += config.size_drift**2 * step_s
         np.minimum(size_variance, _LARGEST_SIZE_VARIANCE, out=size_variance)
 
-    def correct_(self, objects: NDArray[np.intp], states: _F, config: MotionConfig) -> None:
-        """Changes the filters of ``objects`` (M,) by what was seen of them, ``box_states`` (M, 4)."""
+    def correct_(self, objects: NDArray[np.intp], states: _F, config: MotionConfig) -> Correction:
+        """Changes the filters of ``objects`` (M,) by what was seen of them, ``box_states`` (M, 4), and says how."""
         values, seen = self.values.take(objects, axis=1), states.T
         variance, covariance, velocity_variance, size_variance = _variances(values)
         total = variance + (config.place_noise * np.exp(seen[3])) ** 2
-        place_gain, velocity_gain = variance / total, covariance / total
-        size_gain = size_variance / (size_variance + config.size_noise**2)
+        gains, velocity_gain = np.empty((2, len(objects))), covariance / total
+        place_gain, size_gain = gains[0], gains[1]
+        np.divide(variance, total, out=place_gain)
+        np.divide(size_variance, size_variance + config.size_noise**2, out=size_gain)
         surprise = seen - values[:4]
         for axis in (0, 1):  # one by one: NumPy is slow to repeat a row
             values[axis] += place_gain * surprise[axis]
@@ -165,6 +180,7 @@ class Motions:
         covariance -= place_gain * covariance
         size_variance *= 1 - size_gain
         self.values[:, objects] = values
+        return Correction(surprise, gains)
 
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
         """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""

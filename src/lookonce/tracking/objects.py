@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 from lookonce.structures import NO_ID
-from lookonce.tracking.motion import MotionConfig, Motions
+from lookonce.tracking.motion import MotionConfig, Motions, boxes_around
 
 __all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 
 _REMEMBERED = 5000  # scores
 _CONVINCING = 200  # so many scores of moving objects say what is usual
+_LABELS, _SURPRISE = 3, 7  # where these rows begin
 _MOST_VOTES = 10.0  # a class that has been seen for long is outvoted after so much score for another
 
 
@@ -82,7 +83,7 @@ class Objects:
 
     Args:
         whole: (6, P) int64, ``serials`` to ``travels``.
-        values: (7, P) float64, ``votes`` to ``anchor``.
+        values: (15, P) float64, ``votes`` to ``box``.
         is_real: (P,) bool.
         motions: their filters.
 
@@ -99,6 +100,9 @@ class Objects:
         score_peak: (P,) float64, the highest such mean, fading.
         travel_s: (P,) float64, when the last travel ended.
         anchor: (P, 2) float64, px, where it ended.
+        surprise: (P, 4) float64, how far off the last detection was, as ``Steadying`` has it.
+        box: (P, 4) float64, xyxy as given out when last seen, px.
+        last: (8, P) float64, both as rows.
         is_real: (P,) bool, whether rows are given the id now.
     """
 
@@ -114,7 +118,10 @@ class Objects:
         self.labels, self.hits, self.travels = whole[3], whole[4], whole[5]
         self.votes, self.seen_s, self.score_mean = values[0], values[1], values[2]
         self.score_peak, self.travel_s = values[3], values[4]
-        self.anchor: NDArray[np.float64] = values[5:].T
+        self.anchor: NDArray[np.float64] = values[5:7].T
+        self.last: NDArray[np.float64] = values[_SURPRISE:]
+        self.surprise: NDArray[np.float64] = values[7:11].T
+        self.box: NDArray[np.float64] = values[11:].T
 
     def __len__(self) -> int:
         return len(self.is_real)
@@ -134,14 +141,21 @@ class Objects:
         count = len(serials)
         new = cls(
             np.zeros((6, count), np.int64),
-            np.zeros((7, count)),
+            np.zeros((15, count)),
             np.zeros(count, np.bool_),
             Motions.begin(states, config),
         )
         new.serials[:], new.ids[:], new.slots[:], new.labels[:], new.hits[:] = serials, NO_ID, slots, labels, 1
         new.votes[:], new.seen_s[:], new.score_mean[:], new.travel_s[:] = scores, now_s, scores, -np.inf
         new.anchor[:] = states[:, :2]
+        new.box[:] = boxes_around(states.T[:2], np.exp(states.T[2:]))
         return new
+
+    @classmethod
+    def nobody(cls, config: MotionConfig) -> Objects:
+        """No objects."""
+        none, numbers = np.zeros(0, np.int64), np.zeros(0)
+        return cls.begin(none, none, none, numbers, np.zeros((0, 4)), 0.0, config)
 
     def part(self, chosen: NDArray[np.bool_]) -> Objects:
         """The chosen objects (P,)."""
@@ -168,42 +182,55 @@ class Objects:
         moving: MovingScores,
     ) -> None:
         """Changes ``objects`` (M,) and ``moving`` by what was seen of them; places are corrected before."""
-        faded = self.score_peak[objects] * np.exp((self.seen_s[objects] - now_s) / config.score_memory_s)
-        self.seen_s[objects] = now_s
-        self.hits[objects] = hits = self.hits[objects] + 1
-        mean = self.score_mean[objects]
+        whole, values = self._whole[_LABELS:].take(objects, axis=1), self._values[:_SURPRISE].take(objects, axis=1)
+        hits, travels = whole[1], whole[2]
+        seen_s, mean, score_peak, travel_s = values[1], values[2], values[3], values[4]
+        faded = score_peak * np.exp((seen_s - now_s) / config.score_memory_s)
+        seen_s[:] = now_s
+        hits += 1
         mean += (scores - mean) / np.minimum(hits, 3.0)
-        self.score_mean[objects] = mean
         has_enough = hits >= config.hits
-        mean[~has_enough] = 0.0
-        self.score_peak[objects] = peak = np.maximum(mean, faded, out=mean)
-        self._travel_(objects, now_s, config)
-        is_moving = self.travels[objects] >= config.travels
-        is_moving &= now_s - self.travel_s[objects] <= config.travel_memory_s
+        np.maximum(np.where(has_enough, mean, 0.0), faded, out=score_peak)
+        self._travel_(objects, whole, values, now_s, config)
+        is_moving = travels >= config.travels
+        is_moving &= now_s - travel_s <= config.travel_memory_s
         moving.add(scores[is_moving])
-        self.is_real[objects] = has_enough & ((peak >= moving.enough(config)) | is_moving)
-        self._vote_(objects, labels, scores)
+        self.is_real[objects] = has_enough & ((score_peak >= moving.enough(config)) | is_moving)
+        _vote_(whole[0], values[0], labels, scores)
+        self._whole[_LABELS:, objects], self._values[:_SURPRISE, objects] = whole, values
 
-    def _travel_(self, objects: NDArray[np.int64], now_s: float, config: EvidenceConfig) -> None:
-        state, anchor = self.motions.values[:4].take(objects, axis=1), self._values[5:]
-        way = state[:2] - anchor.take(objects, axis=1)
+    def _travel_(
+        self,
+        objects: NDArray[np.int64],
+        whole: NDArray[np.int64],
+        values: NDArray[np.float64],
+        now_s: float,
+        config: EvidenceConfig,
+    ) -> None:
+        """Changes the numbers of those of ``objects`` (M,) that have come far from where they were."""
+        state, anchor = self.motions.values[:4].take(objects, axis=1), values[5:7]
+        way = state[:2] - anchor
         way *= way
         arrived = (way[0] + way[1] > config.travel**2 * np.exp(state[2] + state[3])).nonzero()[0]
         if len(arrived):
-            objects = objects[arrived]
             for axis in (0, 1):
-                anchor[axis][objects] = state[axis][arrived]
-            self.travels[objects] += 1
-            self.travel_s[objects] = now_s
+                anchor[axis][arrived] = state[axis][arrived]
+            whole[2][arrived] += 1
+            values[4][arrived] = now_s
 
-    def _vote_(self, objects: NDArray[np.int64], labels: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
-        """Majority vote after Boyer and Moore, weighted by score: one class is ahead, others take from its lead."""
-        votes = self.votes[objects]
-        is_other = self.labels[objects] != labels
-        if np.count_nonzero(is_other):
-            scores = np.where(is_other, -scores, scores)
-        votes += scores
-        beaten = (votes < 0).nonzero()[0]
-        if len(beaten):
-            self.labels[objects[beaten]] = labels[beaten]
-        self.votes[objects] = np.minimum(np.abs(votes, out=votes), _MOST_VOTES)
+
+def _vote_(
+    mine: NDArray[np.int64], votes: NDArray[np.float64], labels: NDArray[np.int64], scores: NDArray[np.float64]
+) -> None:
+    """Majority vote after Boyer and Moore, weighted by score: one class is ahead, others take from its lead.
+
+    Changes the class (M,) of objects and by how much it is ahead (M,), where ``labels`` (M,) were seen.
+    """
+    is_other = mine != labels
+    if np.count_nonzero(is_other):
+        scores = np.where(is_other, -scores, scores)
+    votes += scores
+    beaten = (votes < 0).nonzero()[0]
+    if len(beaten):
+        mine[beaten] = labels[beaten]
+    np.minimum(np.abs(votes, out=votes), _MOST_VOTES, out=votes)

@@ -17,6 +17,7 @@ from lookonce.errors import ConfigError, FormatError
 from lookonce.structures import NO_ID
 from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.filling import MOST_PASSED
 from lookonce.tracking.looks import LATEST
 from lookonce.tracking.motion import MotionConfig
 from lookonce.tracking.objects import EvidenceConfig, Objects
@@ -25,7 +26,7 @@ from lookonce.tracking.waiting import WaitingRow
 
 __all__ = ["load_rule", "save_rule"]
 
-_FORMAT, _VERSION = "lookonce-tracker", 1
+_FORMAT, _VERSION = "lookonce-tracker", 2
 _MOST_BYTES = 4_000_000_000  # 300,000 objects of 128 values
 _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
@@ -50,9 +51,19 @@ _OBJECTS: dict[str, type] = {
     "score_mean": np.float64,
     "score_peak": np.float64,
     "anchor": np.float64,
+    "surprise": np.float64,
+    "box": np.float64,
     "travels": np.int64,
     "travel_s": np.float64,
     "is_real": np.bool_,
+}
+_WIDTHS = {
+    "motion_place": (2,),
+    "motion_velocity": (2,),
+    "motion_log_size": (2,),
+    "anchor": (2,),
+    "surprise": (4,),
+    "box": (4,),
 }
 _LOOKS: dict[str, type] = {
     "latest": np.float64,
@@ -63,7 +74,14 @@ _LOOKS: dict[str, type] = {
     "view_s": np.float64,
 }
 _WAITING: dict[str, type] = {"waiting": np.int64, "waiting_xyxy": np.float32, "waiting_scores": np.float32}
-_DEFAULT: dict[str, type] = {"extent": np.float64, "moving": np.float64} | _MOTIONS | _OBJECTS | _LOOKS | _WAITING
+_STREAM: dict[str, type] = {
+    "extent": np.float64,
+    "moving": np.float64,
+    "steadying": np.float64,
+    "passed": np.int64,
+    "passed_s": np.float64,
+}
+_DEFAULT: dict[str, type] = _STREAM | _MOTIONS | _OBJECTS | _LOOKS | _WAITING
 _PAPER: dict[str, type] = {
     "paper_ids": np.int64,
     "paper_seen": np.int64,
@@ -136,7 +154,13 @@ def _count(about: dict[str, Any], name: str, least: int = 0) -> int:
 def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     objects, looks, slots = rule.objects, rule.looks, rule.objects.slots
     moving = np.array([rule.moving.count, rule.moving.mean, rule.moving.squares])
-    arrays: dict[str, NDArray[Any]] = {"extent": rule.extent, "moving": moving}
+    arrays: dict[str, NDArray[Any]] = {
+        "extent": rule.extent,
+        "moving": moving,
+        "steadying": rule.own_boxes.steadying.state(),
+    }
+    arrays["passed"] = np.array([number for number, _ in rule.own_boxes.passed.frames], np.int64)
+    arrays["passed_s"] = np.array([time_s for _, time_s in rule.own_boxes.passed.frames], np.float64)
     arrays |= {name: getattr(objects, name) for name in _OBJECTS}
     arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
     arrays |= looks.part(slots)
@@ -158,10 +182,9 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.now_s = float(about["now_s"])
     rule.given_s, rule.offset_s = float(about["given_s"]), float(about["offset_s"])
     count = len(arrays["ids"])
-    two = {"place", "velocity", "log_size"}
-    shapes: dict[str, tuple[int, ...]] = {name: (count, 2) if name == "anchor" else (count,) for name in _OBJECTS}
-    shapes |= {name: (count, 2) if name.removeprefix("motion_") in two else (count,) for name in _MOTIONS}
-    _check(arrays, shapes | {"extent": (4,), "moving": (3,)}, may_be_infinite=("extent", "travel_s"))
+    shapes: dict[str, tuple[int, ...]] = {name: (count, *_WIDTHS.get(name, ())) for name in _OBJECTS}
+    shapes |= {name: (count, *_WIDTHS.get(name, ())) for name in _MOTIONS}
+    _check(arrays, shapes | {"extent": (4,), "moving": (3,), "steadying": (5,)}, may_be_infinite=("extent", "travel_s"))
     if (np.diff(arrays["serials"]) <= 0).any() or (arrays["serials"] >= rule.next_serial).any():
         raise ValueError("serials: expected rising numbers that were given out")
     known = arrays["ids"][arrays["ids"] != NO_ID]
@@ -169,6 +192,8 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
         raise ValueError("ids: expected each once, from those that were given out")
     rule.extent = arrays["extent"]
     rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
+    rule.own_boxes.steadying.restore(arrays["steadying"])
+    _restore_passed(rule, arrays)
     _restore_looks(rule, about["size"], arrays, count)
     none = np.zeros(count, np.int64)
     rule.objects = Objects.begin(
@@ -180,6 +205,14 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
         getattr(rule.objects.motions, name.removeprefix("motion_"))[:] = arrays[name]
     _restore_waiting(rule, arrays)
     return rule
+
+
+def _restore_passed(rule: DefaultRule, arrays: dict[str, NDArray[Any]]) -> None:
+    count = len(arrays["passed"])
+    _check(arrays, {"passed": (count,), "passed_s": (count,)})
+    if count > MOST_PASSED or (np.diff(arrays["passed_s"]) <= 0).any() or (arrays["passed_s"] > rule.now_s).any():
+        raise ValueError(f"passed: expected at most {MOST_PASSED} frames at rising times")
+    rule.own_boxes.passed.frames.extend(zip(arrays["passed"].tolist(), arrays["passed_s"].tolist(), strict=True))
 
 
 def _restore_looks(rule: DefaultRule, size: object, arrays: dict[str, NDArray[Any]], count: int) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lookonce.errors import ConfigError
-from lookonce.structures import Detections, GivenBack, Tracks, check_array, check_finite
+from lookonce.structures import Detections, Filled, GivenBack, Tracks, check_array, check_finite
 from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig, iou_config
 from lookonce.tracking.paper import PaperConfig, PaperRule
@@ -48,6 +48,7 @@ class Tracker:
         config: the settings.
         dropped_rows: how many rows so far were bad (not finite, or of zero or negative size) and got no id.
         given_back: rows of earlier frames whose object the last update confirmed.
+        filled: boxes of earlier frames, of objects that were missed there and that the last update saw again.
 
     Raises:
         ConfigError: there is no such preset, or it cannot explain.
@@ -71,7 +72,7 @@ class Tracker:
             raise ConfigError("tracker 'paper' does not explain: it only takes the nearest; use default or iou")
         self.config = preset
         self.dropped_rows = 0
-        self.given_back = GivenBack.nothing()
+        self.given_back, self.filled = GivenBack.nothing(), Filled.nothing()
         self._rule: DefaultRule | PaperRule = (
             PaperRule(preset) if isinstance(preset, PaperConfig) else DefaultRule(preset, explain)
         )
@@ -130,11 +131,13 @@ class Tracker:
             camera: (2, 3) float64 affine map from the picture before to this one, px; None: the camera stood still.
             size: (height, width) of the picture, px: who goes over its border has left. None: after ten objects the
                 border is taken to be where boxes have been.
-            frame: what ``given_back`` calls this frame later; by default the number of the update, from 0.
+            frame: what ``given_back`` and ``filled`` call this frame later; by default the number of the update, from
+                0.
 
         Returns:
             In kind: :class:`Tracks`; or an array (N, 7) float64 with the id as last column; or a copy of the
-            ``supervision.Detections`` with ``tracker_id`` set. An id of -1: no identity (yet), or a bad row.
+            ``supervision.Detections`` with ``tracker_id`` set; in the last two the boxes are as given. An id of -1: no
+            identity (yet), or a bad row.
 
         Raises:
             ValueError: wrong shapes, no descriptors where the preset needs them, descriptors of another length than
@@ -207,7 +210,7 @@ class Tracker:
         if isinstance(self._rule, PaperRule):
             return self._rule.update(detections)
         tracks = self._rule.update(detections, time_s, camera, size, numbers, frame)
-        self.given_back = tracks.given_back
+        self.given_back, self.filled = tracks.given_back, tracks.filled
         return tracks
 
 

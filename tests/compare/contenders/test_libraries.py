@@ -29,7 +29,7 @@ def contender(request):
 @pytest.mark.filterwarnings("ignore")
 def test_two_objects_keep_apart_though_rows_change_places(contender):
     sequence, owners = make_sequence([lane(0), lane(200, 300, -3)], frames=20, mixed=True)
-    ids = contender.associate(sequence)
+    ids = contender.answer(sequence).ids
     assert ids.shape == (40,)
     late = np.arange(40) >= 20  # trackers may wait before they trust a new object
     found = ids_by_lane(ids[late], owners[late])
@@ -40,13 +40,13 @@ def test_two_objects_keep_apart_though_rows_change_places(contender):
 
 @pytest.mark.filterwarnings("ignore")
 def test_nothing_gives_nothing(contender):
-    assert contender.associate(nothing()).tolist() == []
+    assert contender.answer(nothing()).ids.tolist() == []
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_empty_frames_between_do_no_harm(contender):
     sequence, _ = make_sequence([lane(0, hidden=(0, 7)), lane(200, hidden=(0, 7))], frames=16)
-    ids = contender.associate(sequence)
+    ids = contender.answer(sequence).ids
     assert len(ids) == len(sequence)
     assert (ids >= 0).any()
 
@@ -54,7 +54,7 @@ def test_empty_frames_between_do_no_harm(contender):
 @pytest.mark.filterwarnings("ignore")
 def test_same_input_twice_gives_the_same_grouping(contender):
     sequence, _ = make_sequence([lane(0), lane(30, 60, -3), lane(70, 20, 2)], frames=16, mixed=True)
-    first, second = contender.associate(sequence), contender.associate(sequence)
+    first, second = contender.answer(sequence).ids, contender.answer(sequence).ids
     assert np.array_equal(first >= 0, second >= 0)
     pairs = set(zip(first.tolist(), second.tolist(), strict=True))  # ids may be counted on by the library
     assert len(pairs) == len(set(first.tolist())) == len(set(second.tolist()))
@@ -64,7 +64,7 @@ def test_same_input_twice_gives_the_same_grouping(contender):
 def test_id_is_given_once_a_frame(contender):
     lanes = [lane(top, 40 * (top % 3), 2) for top in (0, 15, 30, 45, 60)]
     sequence, _ = make_sequence(lanes, frames=16, mixed=True)
-    ids = contender.associate(sequence)
+    ids = contender.answer(sequence).ids
     for frame in np.unique(sequence.row_frames):
         given = ids[(sequence.row_frames == frame) & (ids >= 0)]
         assert len(np.unique(given)) == len(given)
@@ -82,7 +82,10 @@ def test_trackers_that_need_descriptors_say_so():
 def test_every_preset_takes_part():
     from lookonce.tracking import PRESETS
 
-    assert [name for name in KNOWN if name.startswith("lookonce-")] == [f"lookonce-{name}" for name in PRESETS]
+    assert [name for name in KNOWN if name.startswith("lookonce-")] == [
+        *(f"lookonce-{name}" for name in PRESETS),
+        "lookonce-detected",
+    ]
 
 
 def test_calibrated_threshold_reaches_the_rule():
@@ -92,8 +95,8 @@ def test_calibrated_threshold_reaches_the_rule():
     turned = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
     wide, narrow = (replace(sequence, descriptors=turned, match_threshold=limit) for limit in (1.2, 0.3))
     paper = KNOWN["lookonce-paper"]
-    assert len(set(paper.associate(wide).tolist())) == 1
-    assert len(set(paper.associate(narrow).tolist())) == 6
+    assert len(set(paper.answer(wide).ids.tolist())) == 1
+    assert len(set(paper.answer(narrow).ids.tolist())) == 6
 
 
 class TestFlow:

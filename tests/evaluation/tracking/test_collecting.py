@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lookonce.evaluation.tracking.collecting import ResultCollector
-from lookonce.structures import GivenBack, Tracks
+from lookonce.structures import Filled, GivenBack, Tracks
 
 NOBODY, NOTHING = np.zeros(0, np.int64), np.zeros((0, 4), np.float32)
 
@@ -70,3 +72,13 @@ def test_one_class_for_all():
     collector.add(0, tracks([1], [3], back=[(0, 2, 9)]))
     assert collector.result(one_class=True).labels.tolist() == [0, 0]
     assert collector.result().labels.tolist() == [3, 9]
+
+
+def test_what_is_filled_in_is_part_of_the_result():
+    collector = ResultCollector()
+    filled = Filled(np.array([4]), np.array([1]), np.array([[1, 2, 3, 4]], np.float32), np.array([7]))
+    collector.add(5, replace(tracks([1], [7]), filled=filled))
+    result = collector.result()
+    assert (result.row_frames.tolist(), result.ids.tolist(), result.labels.tolist()) == ([5, 4], [1, 1], [7, 7])
+    assert result.xyxy[1].tolist() == [1, 2, 3, 4]
+    assert result.left_out == {}

@@ -5,32 +5,43 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lookonce.compare.associated import Associated
 from lookonce.compare.detections import DetectedSequence
-from lookonce.structures import NO_ID, Detections
-from lookonce.tracking import PRESETS, Tracker
+from lookonce.structures import NO_ID, Detections, Filled
+from lookonce.tracking import PRESETS, Tracker, TrackerConfig
+from lookonce.tracking.default_config import DefaultConfig
 
-__all__ = ["associate_preset", "needs_descriptors"]
+__all__ = ["associate_by", "associate_preset", "needs_descriptors"]
 
 
-def associate_preset(name: str, sequence: DetectedSequence) -> NDArray[np.int64]:
-    """Ids of all rows by a preset, with the threshold that was calibrated for the descriptors.
-
-    A preset that confirms an object gives its earlier rows back, and they count, as in what ``lookonce track`` writes.
-    """
+def associate_preset(name: str, sequence: DetectedSequence, makes_boxes: bool = True) -> Associated:
+    """What a preset makes of all rows; without ``makes_boxes`` none but those detected, and no gap is filled."""
     config = PRESETS[name]()
+    if isinstance(config, DefaultConfig) and not makes_boxes:
+        config = replace(config, steady=False, fill_s=0.0)
+    return associate_by(config, sequence)
+
+
+def associate_by(config: TrackerConfig, sequence: DetectedSequence) -> Associated:
+    """What settings make of all rows, with the threshold that was calibrated for the descriptors.
+
+    A preset that confirms an object gives its earlier rows back, and they count, as in what ``lookonce track`` writes;
+    and so do the boxes that it makes itself.
+    """
     if sequence.match_threshold:
         config = replace(config, match_threshold=sequence.match_threshold)
     tracker = Tracker(config)
-    ids = np.full(len(sequence), NO_ID, np.int64)
+    ids, xyxy, gaps = np.full(len(sequence), NO_ID, np.int64), sequence.xyxy.copy(), [Filled.nothing()]
     for number, frame in enumerate(sequence):
         first, last = sequence.starts[number : number + 2].tolist()
         tracks = tracker.update(frame.detections, frame.time_s, frame=number)
-        ids[first:last] = tracks.ids
+        ids[first:last], xyxy[first:last] = tracks.ids, tracks.xyxy
         back = tracks.given_back
-        ids[sequence.starts[back.frames] + back.rows] = back.ids  # rows of the time before it was confirmed
-    return ids
+        rows = sequence.starts[back.frames] + back.rows  # of the time before it was confirmed
+        ids[rows], xyxy[rows] = back.ids, back.xyxy
+        gaps.append(tracks.filled)
+    return Associated(ids, xyxy, Filled.joined(gaps))
 
 
 def needs_descriptors(name: str) -> bool:

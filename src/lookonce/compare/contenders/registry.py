@@ -5,12 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.compare.associated import Associated
 from lookonce.compare.contenders.boxes_only import (
     associate_botsort,
     associate_bytetrack,
@@ -49,7 +50,7 @@ class Contender:
     Attributes:
         name: to choose it by.
         title: in tables.
-        associate: all detections of a sequence -> id of each row, below 0 = none.
+        associate: all detections of a sequence -> id of each row, below 0 = none; or more than ids.
         needs_descriptors: whether it can do nothing without.
         uses_descriptors: whether it looks at them where there are any.
         has_own_threshold: whether it looks at scores itself; if not, it gets detections from ``PLAIN_SCORE`` on.
@@ -59,12 +60,16 @@ class Contender:
 
     name: str
     title: str
-    associate: Callable[[DetectedSequence], NDArray[np.int64]]
+    associate: Callable[[DetectedSequence], NDArray[np.int64] | Associated]
     needs_descriptors: bool = False
     uses_descriptors: bool = False
     has_own_threshold: bool = True
     is_online: bool = True
     needs: tuple[str, str] = ("", "")
+
+    def answer(self, sequence: DetectedSequence) -> Associated:
+        """What it makes of all detections of a sequence."""
+        return Associated.of(sequence, self.associate(sequence))
 
     @property
     def package(self) -> str:
@@ -102,6 +107,7 @@ def contenders() -> dict[str, Contender]:
         Contender(CROPS, "crop network + rule paper", paper, True, True, has_own_threshold=False),
     ]
     found += [_preset(name) for name in PRESETS]
+    found.append(_as_detected())
     return {one.name: one for one in found}
 
 
@@ -116,3 +122,10 @@ def _preset(name: str) -> Contender:
         is_needy or bool(getattr(config, _APPEARANCE, False)),
         has_own_threshold=any("score" in field.name for field in fields(config)),
     )
+
+
+def _as_detected() -> Contender:
+    """The preset ``default`` as far as it says who is who: no boxes but the detections', as for the other trackers."""
+    name, title = "lookonce-detected", "lookonce default, boxes as detected"
+    associate = partial(associate_preset, "default", makes_boxes=False)
+    return replace(_preset("default"), name=name, title=title, associate=associate)

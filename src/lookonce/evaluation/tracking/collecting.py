@@ -14,7 +14,7 @@ _NO_IDENTITY = "no identity (yet)"
 
 
 class ResultCollector:
-    """Takes the rows that have an identity, and those of earlier frames that are given one back."""
+    """Takes the rows that have an identity, and those of earlier frames that are given back or filled in."""
 
     def __init__(self) -> None:
         self._frames: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
@@ -33,6 +33,8 @@ class ResultCollector:
         back = tracks.given_back
         self._without -= len(back)
         self._append(back.frames, back.ids, back.xyxy, back.labels)
+        filled = tracks.filled
+        self._append(filled.frames, filled.ids, filled.xyxy, filled.labels)
 
     def _append(
         self, frames: NDArray[np.int64], ids: NDArray[np.int64], xyxy: NDArray[np.float32], labels: NDArray[np.int64]
