@@ -10,6 +10,7 @@ import pytest
 from lookonce.errors import ConfigError
 from lookonce.structures import NO_ID
 from lookonce.tracking import EvidenceConfig, MotionConfig
+from lookonce.tracking.motion import MOTION_ROWS
 from lookonce.tracking.objects import MovingScores, Objects
 
 EVIDENCE = EvidenceConfig(
@@ -203,7 +204,7 @@ def test_parts_and_joins_keep_all_arrays_aligned():
     joined = part.joined(objects)
     assert joined.ids.tolist() == [6, 8, 5, 6, 7, 8]
     for whole in (objects, part, joined):
-        assert whole.motions.values.shape == (10, len(whole))
+        assert whole.motions.values.shape == (MOTION_ROWS, len(whole))
         rows = [getattr(whole, name) for name in NAMES]
         assert {len(values) for values in rows} == {len(whole)}
     part.ids[0] = 99

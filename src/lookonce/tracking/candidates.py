@@ -101,7 +101,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     size = np.exp(values[2:4])
     width, height = size[0], size[1]
     noise = (config.motion.place_noise * height) ** 2
-    variance = values[6] + noise
+    variance = objects.motions.place_variance + noise
     area = (config.crowd_box * height) ** 2 / (2 * math.pi)
     certainty = np.log(area / variance)
     may_jump = objects.hits == 1
@@ -130,7 +130,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
         is_jump[maybe] = is_likelier = fast_gains > gains[maybe]
         jumps = maybe[is_likelier]
         gains[jumps], deviation[jumps] = fast_gains[is_likelier], fast_deviation[is_likelier]
-    size_variance = (values[9] + config.motion.size_noise**2)[of_object]
+    size_variance = (objects.motions.size_variance + config.motion.size_noise**2)[of_object]
     gains += np.maximum(-0.5 * resized / size_variance, _WORST_SIZE)
     others = (objects.labels[of_object] != frame.labels[rows]).nonzero()[0]
     if len(others):

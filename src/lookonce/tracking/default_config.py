@@ -64,7 +64,7 @@ class DefaultConfig:
     birth_score: float = 0.2
     high_score: float = 0.4
     low_overlap: float = 0.3
-    recent_s: float = 0.3
+    recent_s: float = 2.0
     safe_overlap: float = 0.5
     same_overlap: float = 0.6
     duplicate_overlap: float = 0.3

@@ -5,6 +5,13 @@ and height, as logarithms, a scalar filter of a random walk. Noise is stated in 
 far; what is unseen slows down. With white acceleration of density q² the exact covariance of the step dt is
 ``[[dt³/3, dt²/2], [dt²/2, dt]] q²`` (Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and
 navigation", 6.2.2).
+
+What comes nearer grows and speeds up. A filter of the size's logarithm (state: level and growth g, 1/s) tells how fast.
+A point ``p = f X / Z`` that moves with constant speed in space has the velocity ``v = f X' / Z + g p`` in the picture,
+with ``g = -Z' / Z``, and so ``v' = 2 g v``: after dt it has moved by ``v dt / (1 - g dt)``, its size is
+``1 / (1 - g dt)`` times as large, its velocity the square of that. Growth that may be noise is not believed: what is
+used of g is ``g max(0, 1 - var(g) / g²)``, the positive part after James and Stein. It stays as it is between
+detections, where g would grow as well, because what is passed by the camera would be shot away.
 """
 
 from __future__ import annotations
@@ -16,7 +23,16 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 
-__all__ = ["Correction", "MotionConfig", "Motions", "box_states", "boxes_around", "moved", "squared_lengths"]
+__all__ = [
+    "MOTION_ROWS",
+    "Correction",
+    "MotionConfig",
+    "Motions",
+    "box_states",
+    "boxes_around",
+    "moved",
+    "squared_lengths",
+]
 
 _F = NDArray[np.float64]
 
@@ -35,6 +51,9 @@ class MotionConfig:
         jump_speed: of an object seen once that turns out to be fast, boxes / s;
         jump_share: this share of all new objects.
         slow_down_s: an unseen object loses its speed with this time constant, s.
+        growth: standard deviation of the growth of an object seen once, and its bound later, 1 / s; 0: nothing grows.
+        growth_drift: spectral density of its change, 1 / s^1.5.
+        growth_noise: standard deviation of the logarithm of a detection's size, where growth is measured.
     """
 
     place_noise: float = 0.12
@@ -46,12 +65,17 @@ class MotionConfig:
     jump_speed: float = 16.0
     jump_share: float = 0.3
     slow_down_s: float = 1.5
+    growth: float = 0.3
+    growth_drift: float = 0.15
+    growth_noise: float = 0.2
 
     def __post_init__(self) -> None:
-        check_numbers(self, above_zero=("place_noise", "size_noise", "slow_down_s"))
+        check_numbers(self, above_zero=("place_noise", "size_noise", "slow_down_s", "growth_noise"))
 
 
 _LARGEST_SIZE_VARIANCE = 0.25  # a box half or twice as large, after any gap
+_MOST_GROWTH = 0.5  # in one step, as a share of the depth: more would lead through the camera
+MOTION_ROWS = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +96,10 @@ class Motions:
     """The filters of P objects.
 
     Attributes:
-        values: (10, P) float64, a row for each number, so that a step is a few operations on long rows: place x and y,
-            logarithms of width and height, velocity x and y, the three variances, and that of the size.
+        values: (15, P) float64, a row for each number, so that a step is a few operations on long rows: place x and y,
+            logarithms of width and height, velocity x and y; then by twos, of the place and of the level, the variance,
+            the covariance with velocity and growth, and the variance of these; then the variance of the size, growth
+            and level.
     """
 
     values: _F
@@ -101,27 +127,38 @@ class Motions:
     @property
     def covariance(self) -> _F:
         """(P,) of place and velocity of each coordinate, px² / s."""
-        return self.values[7, :]
+        return self.values[8, :]
 
     @property
     def velocity_variance(self) -> _F:
         """(P,) of each coordinate, px² / s²."""
-        return self.values[8, :]
+        return self.values[10, :]
 
     @property
     def size_variance(self) -> _F:
         """(P,) of each logarithm."""
-        return self.values[9, :]
+        return self.values[12, :]
+
+    @property
+    def growth(self) -> _F:
+        """(P,) of the size's logarithm, 1 / s."""
+        return self.values[13, :]
+
+    @property
+    def growth_variance(self) -> _F:
+        """(P,) 1 / s²."""
+        return self.values[11, :]
 
     @classmethod
     def begin(cls, states: _F, config: MotionConfig) -> Motions:
         """Filters of objects seen once, from ``box_states`` (P, 4)."""
-        values = np.zeros((10, len(states)))
+        values = np.zeros((MOTION_ROWS, len(states)))
         values[:4] = states.T
         height = np.exp(values[3])
-        values[6] = (config.place_noise * height) ** 2
-        values[8] = (config.new_speed * height) ** 2
-        values[9] = config.size_noise**2
+        values[6], values[7] = (config.place_noise * height) ** 2, config.growth_noise**2
+        values[10], values[11] = (config.new_speed * height) ** 2, config.growth**2
+        values[12] = config.size_noise**2
+        values[14] = _levels(values)
         return cls(values)
 
     def part(self, objects: NDArray[np.intp]) -> Motions:
@@ -134,53 +171,79 @@ class Motions:
 
     def predict_(self, step_s: float, is_unseen: NDArray[np.bool_], config: MotionConfig) -> None:
         """Changes the filters to what is to be expected ``step_s`` later; ``is_unseen`` (P,) before the step."""
-        place, velocity = self.values[:2], self.values[4:6]
-        variance, covariance, velocity_variance, size_variance = _variances(self.values)
-        squared_height = np.exp(2 * self.values[3])
-        noise = (config.acceleration**2) * squared_height
-        noise += (config.acceleration_share**2) * squared_lengths(velocity.T)
-        place += velocity * step_s
+        values, velocity = self.values, self.values[4:6]
+        squared_height = np.exp(2 * values[3])
+        noise = np.empty((2, len(squared_height)))
+        np.multiply(squared_height, config.acceleration**2, out=noise[0])
+        noise[0] += (config.acceleration_share**2) * squared_lengths(velocity.T)
+        noise[1] = config.growth_drift**2
+        self._move_(step_s)
         unseen = is_unseen.nonzero()[0]
         if len(unseen):
             kept = np.exp(-step_s / config.slow_down_s)
-            for speed in (self.values[4], self.values[5]):  # one by one: NumPy is slow with two dimensions
+            for speed in (values[4], values[5], values[13]):  # one by one: NumPy is slow with two dimensions
                 speed[unseen] *= kept
-        grown = velocity_variance * step_s
+        variance, covariance, rate_variance = values[6:8], values[8:10], values[10:12]
+        grown = rate_variance * step_s
         variance += (2 * covariance + grown) * step_s
         variance += noise * (step_s**3 / 3)
         grown += noise * (step_s**2 / 2)
         covariance += grown
         noise *= step_s
-        velocity_variance += noise
-        bound = config.new_speed**2 * squared_height
-        beyond = (velocity_variance > bound).nonzero()[0]
-        if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
-            bound = bound[beyond]
-            covariance[beyond] *= np.sqrt(bound / velocity_variance[beyond])
-            velocity_variance[beyond] = bound
-        size_variance += config.size_drift**2 * step_s
-        np.minimum(size_variance, _LARGEST_SIZE_VARIANCE, out=size_variance)
+        rate_variance += noise
+        squared_height *= config.new_speed**2
+        for of_what, bound in ((0, squared_height), (1, np.full(len(squared_height), config.growth**2))):
+            beyond = (rate_variance[of_what] > bound).nonzero()[0]
+            if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
+                bounds = bound[beyond]
+                covariance[of_what][beyond] *= np.sqrt(bounds / rate_variance[of_what][beyond])
+                rate_variance[of_what][beyond] = bounds
+        values[12] += config.size_drift**2 * step_s
+        np.minimum(values[12], _LARGEST_SIZE_VARIANCE, out=values[12])
+
+    def _move_(self, step_s: float) -> None:
+        """Places, sizes and speeds ``step_s`` later."""
+        values = self.values
+        growth, velocity = values[13], values[4:6]
+        values[14] += growth * step_s
+        squared = growth * growth
+        is_sure = (squared > values[11]).nonzero()[0]
+        if not len(is_sure):
+            values[:2] += velocity * step_s
+            return
+        nearer = np.ones(len(growth))
+        sure = growth[is_sure]
+        sure *= 1.0 - values[11][is_sure] / squared[is_sure]
+        nearer[is_sure] = 1.0 / (1.0 - np.minimum(np.maximum(sure * step_s, -_MOST_GROWTH), _MOST_GROWTH))
+        values[:2] += velocity * (step_s * nearer)
+        values[2:4] += np.log(nearer)
+        nearer *= nearer
+        velocity *= nearer
 
     def correct_(self, objects: NDArray[np.intp], states: _F, config: MotionConfig) -> Correction:
         """Changes the filters of ``objects`` (M,) by what was seen of them, ``box_states`` (M, 4), and says how."""
         values, seen = self.values.take(objects, axis=1), states.T
-        variance, covariance, velocity_variance, size_variance = _variances(values)
-        total = variance + (config.place_noise * np.exp(seen[3])) ** 2
-        gains, velocity_gain = np.empty((2, len(objects))), covariance / total
-        place_gain, size_gain = gains[0], gains[1]
-        np.divide(variance, total, out=place_gain)
-        np.divide(size_variance, size_variance + config.size_noise**2, out=size_gain)
+        variance, covariance, size_variance = values[6:8], values[8:10], values[12]
+        total = variance.copy()
+        total[0] += (config.place_noise * np.exp(seen[3])) ** 2
+        total[1] += config.growth_noise**2
+        gain, rate_gain = variance / total, covariance / total
+        size_gain = size_variance / (size_variance + config.size_noise**2)
         surprise = seen - values[:4]
+        taller = _levels(seen) - values[14]
         for axis in (0, 1):  # one by one: NumPy is slow to repeat a row
-            values[axis] += place_gain * surprise[axis]
+            values[axis] += gain[0] * surprise[axis]
             values[2 + axis] += size_gain * surprise[2 + axis]
-            values[4 + axis] += velocity_gain * surprise[axis]
-        velocity_variance -= velocity_gain * covariance
-        variance -= place_gain * variance
-        covariance -= place_gain * covariance
+            values[4 + axis] += rate_gain[0] * surprise[axis]
+        values[13] += rate_gain[1] * taller
+        values[14] += gain[1] * taller
+        values[10:12] -= rate_gain * covariance
+        variance -= gain * variance
+        covariance -= gain * covariance
         size_variance *= 1 - size_gain
         self.values[:, objects] = values
-        return Correction(surprise, gains)
+        gain[1] = size_gain
+        return Correction(surprise, gain)
 
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
         """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""
@@ -202,17 +265,21 @@ class Motions:
         growth = abs(a * d - b * c)
         self.place[:] = moved(self.place, affine)
         self.velocity[:] = np.ascontiguousarray(self.velocity) @ linear.T
-        self.values[6:9] *= growth
+        for row in (6, 8, 10):
+            self.values[row] *= growth
         self.values[2:4] += 0.5 * np.log(growth)
+        self.values[14] += 0.5 * np.log(growth)
 
     def boxes(self) -> _F:
         """(P, 4) float64 xyxy where the objects are believed to be."""
         return boxes_around(self.values[:2], np.exp(self.values[2:4]))
 
 
-def _variances(values: _F) -> tuple[_F, _F, _F, _F]:
-    """Of place, place with velocity, velocity and size: the last rows of ``Motions.values``."""
-    return values[6], values[7], values[8], values[9]  # unpacking an array is slow
+def _levels(states: _F) -> _F:
+    """(P,) means of the two logarithms of ``states`` (4, P)."""
+    levels: _F = states[2] + states[3]
+    levels *= 0.5
+    return levels
 
 
 def boxes_around(centre: _F, size: _F) -> _F:

@@ -19,7 +19,7 @@ from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.filling import MOST_PASSED
 from lookonce.tracking.looks import LATEST
-from lookonce.tracking.motion import MotionConfig
+from lookonce.tracking.motion import MOTION_ROWS, MotionConfig
 from lookonce.tracking.objects import EvidenceConfig, Objects
 from lookonce.tracking.paper import PaperConfig, PaperObjects, PaperRule
 from lookonce.tracking.waiting import WaitingRow
@@ -32,15 +32,6 @@ _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
 _LARGEST = 2.0 * SCALE * SCALE  # of a descriptor's value in whole numbers, far above any
 
-_MOTIONS: dict[str, type] = {
-    "motion_place": np.float64,
-    "motion_velocity": np.float64,
-    "motion_place_variance": np.float64,
-    "motion_covariance": np.float64,
-    "motion_velocity_variance": np.float64,
-    "motion_log_size": np.float64,
-    "motion_size_variance": np.float64,
-}
 _OBJECTS: dict[str, type] = {
     "serials": np.int64,
     "ids": np.int64,
@@ -57,14 +48,7 @@ _OBJECTS: dict[str, type] = {
     "travel_s": np.float64,
     "is_real": np.bool_,
 }
-_WIDTHS = {
-    "motion_place": (2,),
-    "motion_velocity": (2,),
-    "motion_log_size": (2,),
-    "anchor": (2,),
-    "surprise": (4,),
-    "box": (4,),
-}
+_WIDTHS = {"anchor": (2,), "surprise": (4,), "box": (4,)}
 _LOOKS: dict[str, type] = {
     "latest": np.float64,
     "kept": np.float64,
@@ -80,8 +64,9 @@ _STREAM: dict[str, type] = {
     "steadying": np.float64,
     "passed": np.int64,
     "passed_s": np.float64,
+    "motions": np.float64,
 }
-_DEFAULT: dict[str, type] = _STREAM | _MOTIONS | _OBJECTS | _LOOKS | _WAITING
+_DEFAULT: dict[str, type] = _STREAM | _OBJECTS | _LOOKS | _WAITING
 _PAPER: dict[str, type] = {
     "paper_ids": np.int64,
     "paper_seen": np.int64,
@@ -162,7 +147,7 @@ def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     arrays["passed"] = np.array([number for number, _ in rule.own_boxes.passed.frames], np.int64)
     arrays["passed_s"] = np.array([time_s for _, time_s in rule.own_boxes.passed.frames], np.float64)
     arrays |= {name: getattr(objects, name) for name in _OBJECTS}
-    arrays |= {name: getattr(objects.motions, name.removeprefix("motion_")) for name in _MOTIONS}
+    arrays["motions"] = objects.motions.values
     arrays |= looks.part(slots)
     arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
     rows = list(rule.waiting)
@@ -183,8 +168,11 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.given_s, rule.offset_s = float(about["given_s"]), float(about["offset_s"])
     count = len(arrays["ids"])
     shapes: dict[str, tuple[int, ...]] = {name: (count, *_WIDTHS.get(name, ())) for name in _OBJECTS}
-    shapes |= {name: (count, *_WIDTHS.get(name, ())) for name in _MOTIONS}
-    _check(arrays, shapes | {"extent": (4,), "moving": (3,), "steadying": (5,)}, may_be_infinite=("extent", "travel_s"))
+    _check(
+        arrays,
+        shapes | {"extent": (4,), "moving": (3,), "steadying": (5,), "motions": (MOTION_ROWS, count)},
+        may_be_infinite=("extent", "travel_s"),
+    )
     if (np.diff(arrays["serials"]) <= 0).any() or (arrays["serials"] >= rule.next_serial).any():
         raise ValueError("serials: expected rising numbers that were given out")
     known = arrays["ids"][arrays["ids"] != NO_ID]
@@ -201,8 +189,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     )
     for name in _OBJECTS:
         getattr(rule.objects, name)[:] = arrays[name]
-    for name in _MOTIONS:
-        getattr(rule.objects.motions, name.removeprefix("motion_"))[:] = arrays[name]
+    rule.objects.motions.values[:] = arrays["motions"]
     _restore_waiting(rule, arrays)
     return rule
 
