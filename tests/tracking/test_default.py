@@ -20,9 +20,12 @@ CONFIG = DefaultConfig(  # the scenes are made for these numbers, whatever the d
     birth_score=0.2,
     high_score=0.4,
     low_overlap=0.4,
+    recent_s=0.3,
     clean_overlap=0.4,
     memory_s=8.0,
-    evidence=EvidenceConfig(hits=2, score=0.7, score_memory_s=3.0, travel=0.5, travels=2, travel_memory_s=3.0),
+    evidence=EvidenceConfig(
+        hits=2, score=0.7, score_mean_s=0.0, score_memory_s=3.0, travel=0.5, travels=2, travel_memory_s=3.0
+    ),
     motion=MotionConfig(
         place_noise=0.12,
         size_noise=0.3,

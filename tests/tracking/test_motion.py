@@ -244,3 +244,59 @@ def test_impossible_settings_are_refused():
     for name, value in [("place_noise", 0.0), ("slow_down_s", 0.0), ("new_speed", -1.0), ("jump_speed", float("nan"))]:
         with pytest.raises(ConfigError, match=name):
             MotionConfig(**{name: value})
+
+
+def _watch(growth, config=CONFIG, frames=25, step_s=0.1, noise=0.0, speed=1.2):
+    """The filter of an object that comes nearer at a steady speed: depth 10 m at first, ``growth`` of it a second."""
+    rng = np.random.default_rng(2)
+
+    def box(number):
+        depth = 10.0 * (1 - growth * step_s * number)
+        place = 1000 * np.array([0.5 + speed * step_s * number, 1.0]) / depth
+        return (*place, 400 / depth * np.exp(rng.normal(0, noise)))
+
+    motions = Motions.begin(_states(*box(0)), config)
+    for number in range(1, frames):
+        motions.predict_(step_s, STILL, config)
+        motions.correct_(ONE, _states(*box(number)), config)
+    motions.predict_(step_s, STILL, config)
+    return motions, np.array(box(frames))
+
+
+@pytest.mark.parametrize("growth", [0.2, 0.3])
+def test_what_comes_nearer_speeds_up(growth):
+    """A constant speed in space; without growth the expected place lags behind."""
+    grown, true = _watch(growth)
+    plain, _ = _watch(growth, replace(CONFIG, growth=0.0, growth_drift=0.0))
+    off, plainly_off = (np.linalg.norm(one.place[0] - true[:2]) for one in (grown, plain))
+    assert off < 0.6 * plainly_off
+    assert abs(grown.log_size[0, 1] - np.log(true[2])) < abs(plain.log_size[0, 1] - np.log(true[2]))
+    depth_left = 1 - growth * 0.1 * 25
+    assert grown.growth[0] == pytest.approx(growth / depth_left, rel=0.35)
+
+
+def test_growth_that_may_be_noise_is_not_believed():
+    """Boxes of a trembling detector: places are as if there were no growth at all."""
+    trembling, _ = _watch(0.0, noise=0.2)
+    still, _ = _watch(0.0)
+    np.testing.assert_allclose(trembling.place, still.place, atol=0.01)
+    assert trembling.growth[0] != 0
+
+
+def test_a_step_of_growth():
+    """Way v dt / (1 - g dt), size 1 / (1 - g dt), speed its square."""
+    motions = _begin()
+    motions.velocity[:], motions.growth[:], motions.growth_variance[:] = [10.0, 0.0], 0.2, 0.0
+    motions.predict_(1.0, STILL, replace(CONFIG, growth_drift=0.0))
+    np.testing.assert_allclose(motions.place, [[100 + 10 / 0.8, 50]])
+    np.testing.assert_allclose(motions.velocity, [[10 / 0.8**2, 0]])
+    np.testing.assert_allclose(np.exp(motions.log_size), [[20 / 0.8, 40 / 0.8]])
+
+
+@pytest.mark.parametrize("growth", [3.0, -3.0])
+def test_growth_is_bounded_in_a_step(growth):
+    motions = _begin()
+    motions.velocity[:], motions.growth[:], motions.growth_variance[:] = [10.0, 0.0], growth, 0.0
+    motions.predict_(5.0, STILL, replace(CONFIG, growth_drift=0.0))
+    factor = 2.0 if growth > 0 else 1 / 1.5
+    np.testing.assert_allclose(motions.place, [[100 + 50 * factor, 50]])

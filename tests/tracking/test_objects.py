@@ -14,12 +14,19 @@ from lookonce.tracking.motion import MOTION_ROWS
 from lookonce.tracking.objects import MovingScores, Objects
 
 EVIDENCE = EvidenceConfig(
-    hits=2, score=0.7, least_score=0.45, score_memory_s=3.0, travel=0.5, travels=2, travel_memory_s=3.0
+    hits=2,
+    score=0.7,
+    least_score=0.45,
+    score_mean_s=0.0,
+    score_memory_s=3.0,
+    travel=0.5,
+    travels=2,
+    travel_memory_s=3.0,
 )
 ONE = np.zeros(1, np.int64)
 NAMES = (
     *("serials", "ids", "slots", "labels", "hits", "travels", "votes", "seen_s", "score_mean", "score_peak"),
-    *("travel_s", "anchor", "is_real"),
+    *("travel_s", "anchor", "heading", "surprise", "box", "is_real"),
 )
 
 
@@ -70,6 +77,16 @@ def test_mean_is_of_about_the_last_three():
     assert objects.score_mean[0] == pytest.approx(0.4 + 0.5 / 3)
 
 
+@pytest.mark.parametrize(("step_s", "weight"), [(0.04, 1 / 25), (0.2, 1 / 5), (0.5, 1 / 3), (2.0, 1 / 3)])
+def test_mean_is_of_about_a_second_and_three_scores_at_least(step_s, weight):
+    """At 25 frames/s the last three scores are a tenth of a second, in which nothing changes but noise."""
+    objects, evidence = _begin(scores=0.5), replace(EVIDENCE, score_mean_s=1.0)
+    for number in range(40):
+        _see(objects, 0.5, now_s=step_s * (number + 1), evidence=evidence)
+    _see(objects, 1.0, now_s=step_s * 41, evidence=evidence)
+    assert objects.score_mean[0] == pytest.approx(0.5 + 0.5 * weight)
+
+
 def test_score_that_was_high_once_is_remembered_and_fades():
     objects = _begin(scores=1.0)
     _see(objects, 1.0)
@@ -88,13 +105,31 @@ def test_two_travels_make_real_whatever_the_score_until_they_are_long_ago():
     assert objects.travels[0] == 0
     _see(objects, 0.2, now_s=0.2, place=[115.0, 50.0])
     assert (objects.travels[0], objects.is_real[0]) == (1, False)
-    _see(objects, 0.2, now_s=0.3, place=[115.0, 65.0])
+    _see(objects, 0.2, now_s=0.3, place=[125.0, 62.0])
     assert (objects.travels[0], objects.is_real[0]) == (2, True)
-    _see(objects, 0.2, now_s=3.2, place=[115.0, 65.0])
+    _see(objects, 0.2, now_s=3.2, place=[125.0, 62.0])
     assert objects.is_real[0]
-    _see(objects, 0.2, now_s=3.4, place=[115.0, 65.0])
+    _see(objects, 0.2, now_s=3.4, place=[125.0, 62.0])
     assert not objects.is_real[0]
-    _see(objects, 0.2, now_s=3.5, place=[130.0, 65.0])
+    _see(objects, 0.2, now_s=3.5, place=[140.0, 70.0])
+    assert objects.is_real[0]
+
+
+@pytest.mark.parametrize(("angle", "is_real"), [(0, True), (55, True), (65, False), (90, False), (180, False)])
+def test_what_goes_to_and_fro_is_not_on_its_way(angle, is_real):
+    """A box that trembles about a place travels as well, but not twice the same way."""
+    objects, turn = _begin(scores=0.2), np.radians(angle)
+    _see(objects, 0.2, now_s=0.1, place=[115.0, 50.0])
+    _see(objects, 0.2, now_s=0.2, place=[115.0 + 15 * np.cos(turn), 50.0 + 15 * np.sin(turn)])
+    assert objects.is_real[0] == is_real
+
+
+def test_ways_turn_with_the_camera():
+    objects = _begin(scores=0.2)
+    _see(objects, 0.2, now_s=0.1, place=[115.0, 50.0])
+    objects.move_camera_(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]))  # a quarter turn: right becomes down
+    assert (objects.anchor.tolist(), objects.heading.tolist()) == ([[-50.0, 115.0]], [[0.0, 15.0]])
+    _see(objects, 0.2, now_s=0.2, place=[-50.0, 130.0])
     assert objects.is_real[0]
 
 

@@ -21,7 +21,7 @@ from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.explaining import Notes, tell
 from lookonce.tracking.looks import Looks
-from lookonce.tracking.motion import box_states, moved
+from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import MovingScores, Objects
 from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
 from lookonce.tracking.own_boxes import OwnBoxes, Sightings
@@ -165,8 +165,7 @@ class DefaultRule:
         is_unseen = objects.seen_s < self.now_s - step_s - _LEAST_STEP_S / 2
         objects.motions.predict_(step_s, is_unseen, self.config.motion)
         if camera is not None:
-            objects.motions.move_camera_(camera)
-            objects.anchor[:] = moved(objects.anchor, camera)
+            objects.move_camera_(camera)
 
     def _look_at(self, detections: Detections) -> Frame:
         config = self.config

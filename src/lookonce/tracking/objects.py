@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 from lookonce.structures import NO_ID
-from lookonce.tracking.motion import MotionConfig, Motions, boxes_around
+from lookonce.tracking.motion import MotionConfig, Motions, boxes_around, moved
 
 __all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 
 _REMEMBERED = 5000  # scores
 _CONVINCING = 200  # so many scores of moving objects say what is usual
-_LABELS, _SURPRISE = 3, 7  # where these rows begin
+_LABELS, _SURPRISE = 3, 9  # where these rows begin
+_SAME_WAY = 0.5  # cosine of the angle between two travels
+_FEWEST_SCORES = 3.0  # in a mean
+_LEAST_S = 1e-3
 _MOST_VOTES = 10.0  # a class that has been seen for long is outvoted after so much score for another
 
 
@@ -26,18 +29,20 @@ class EvidenceConfig:
 
     Attributes:
         hits: seen at least so often.
-        score: a mean score (of about the last three) that is enough, 0 to 1. It is the most that is asked: once objects
-            are on their way, what stands still needs no more than the lower scores among theirs.
+        score: a mean score that is enough, 0 to 1. It is the most that is asked: once objects are on their way, what
+            stands still needs no more than the lower scores among theirs.
         least_score: but never less than this.
+        score_mean_s: the mean is of about so long, s, and of three scores at least.
         score_memory_s: how long such a score is remembered, fading with this time constant, s.
         travel: one travel is a way of so many box sizes (square root of the area).
-        travels: so many travels are enough, whatever the score.
+        travels: so many travels, each within 60 degrees of the one before, are enough, whatever the score.
         travel_memory_s: for so long after the last of them, s.
     """
 
     hits: int = 2
     score: float = 0.7
     least_score: float = 0.45
+    score_mean_s: float = 1.0
     score_memory_s: float = 3.0
     travel: float = 0.5
     travels: int = 2
@@ -83,7 +88,7 @@ class Objects:
 
     Args:
         whole: (6, P) int64, ``serials`` to ``travels``.
-        values: (15, P) float64, ``votes`` to ``box``.
+        values: (17, P) float64, ``votes`` to ``box``.
         is_real: (P,) bool.
         motions: their filters.
 
@@ -96,10 +101,11 @@ class Objects:
         travels: (P,) int64.
         votes: (P,) float64, how much score the class is ahead.
         seen_s: (P,) float64, when last seen.
-        score_mean: (P,) float64, of about the last three.
+        score_mean: (P,) float64, of the last ones.
         score_peak: (P,) float64, the highest such mean, fading.
         travel_s: (P,) float64, when the last travel ended.
         anchor: (P, 2) float64, px, where it ended.
+        heading: (P, 2) float64, px, where it went.
         surprise: (P, 4) float64, how far off the last detection was, as ``Steadying`` has it.
         box: (P, 4) float64, xyxy as given out when last seen, px.
         last: (8, P) float64, both as rows.
@@ -119,9 +125,10 @@ class Objects:
         self.votes, self.seen_s, self.score_mean = values[0], values[1], values[2]
         self.score_peak, self.travel_s = values[3], values[4]
         self.anchor: NDArray[np.float64] = values[5:7].T
+        self.heading: NDArray[np.float64] = values[7:9].T
         self.last: NDArray[np.float64] = values[_SURPRISE:]
-        self.surprise: NDArray[np.float64] = values[7:11].T
-        self.box: NDArray[np.float64] = values[11:].T
+        self.surprise: NDArray[np.float64] = values[9:13].T
+        self.box: NDArray[np.float64] = values[13:].T
 
     def __len__(self) -> int:
         return len(self.is_real)
@@ -141,7 +148,7 @@ class Objects:
         count = len(serials)
         new = cls(
             np.zeros((6, count), np.int64),
-            np.zeros((15, count)),
+            np.zeros((17, count)),
             np.zeros(count, np.bool_),
             Motions.begin(states, config),
         )
@@ -172,6 +179,12 @@ class Objects:
             self.motions.joined(others.motions),
         )
 
+    def move_camera_(self, affine: NDArray[np.float64]) -> None:
+        """Changes all places by an affine map (2, 3) of the picture before onto this one."""
+        self.motions.move_camera_(affine)
+        self.anchor[:] = moved(self.anchor, affine)
+        self.heading[:] = np.ascontiguousarray(self.heading) @ affine[:, :2].T
+
     def see_(
         self,
         objects: NDArray[np.int64],
@@ -185,10 +198,13 @@ class Objects:
         whole, values = self._whole[_LABELS:].take(objects, axis=1), self._values[:_SURPRISE].take(objects, axis=1)
         hits, travels = whole[1], whole[2]
         seen_s, mean, score_peak, travel_s = values[1], values[2], values[3], values[4]
-        faded = score_peak * np.exp((seen_s - now_s) / config.score_memory_s)
+        unseen_s = now_s - seen_s
+        faded = score_peak * np.exp(unseen_s / -config.score_memory_s)
         seen_s[:] = now_s
         hits += 1
-        mean += (scores - mean) / np.minimum(hits, 3.0)
+        mean += (scores - mean) / np.minimum(
+            hits, np.maximum(_FEWEST_SCORES, config.score_mean_s / np.maximum(unseen_s, _LEAST_S))
+        )
         has_enough = hits >= config.hits
         np.maximum(np.where(has_enough, mean, 0.0), faded, out=score_peak)
         self._travel_(objects, whole, values, now_s, config)
@@ -210,13 +226,20 @@ class Objects:
         """Changes the numbers of those of ``objects`` (M,) that have come far from where they were."""
         state, anchor = self.motions.values[:4].take(objects, axis=1), values[5:7]
         way = state[:2] - anchor
-        way *= way
-        arrived = (way[0] + way[1] > config.travel**2 * np.exp(state[2] + state[3])).nonzero()[0]
-        if len(arrived):
-            for axis in (0, 1):
-                anchor[axis][arrived] = state[axis][arrived]
-            whole[2][arrived] += 1
-            values[4][arrived] = now_s
+        squared = way * way
+        arrived = (squared[0] + squared[1] > config.travel**2 * np.exp(state[2] + state[3])).nonzero()[0]
+        if not len(arrived):
+            return
+        heading, way = values[7:9], way.take(arrived, axis=1)
+        before = heading.take(arrived, axis=1)
+        along = way[0] * before[0] + way[1] * before[1]
+        lengths = (way[0] * way[0] + way[1] * way[1]) * (before[0] * before[0] + before[1] * before[1])
+        is_same_way = along >= _SAME_WAY * np.sqrt(lengths)
+        whole[2][arrived] = np.where(is_same_way, whole[2][arrived] + 1, 1)
+        values[4][arrived] = now_s
+        for axis in (0, 1):
+            anchor[axis][arrived] = state[axis][arrived]
+            heading[axis][arrived] = way[axis]
 
 
 def _vote_(

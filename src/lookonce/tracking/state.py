@@ -42,13 +42,14 @@ _OBJECTS: dict[str, type] = {
     "score_mean": np.float64,
     "score_peak": np.float64,
     "anchor": np.float64,
+    "heading": np.float64,
     "surprise": np.float64,
     "box": np.float64,
     "travels": np.int64,
     "travel_s": np.float64,
     "is_real": np.bool_,
 }
-_WIDTHS = {"anchor": (2,), "surprise": (4,), "box": (4,)}
+_WIDTHS = {"anchor": (2,), "heading": (2,), "surprise": (4,), "box": (4,)}
 _LOOKS: dict[str, type] = {
     "latest": np.float64,
     "kept": np.float64,
