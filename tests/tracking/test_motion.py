@@ -272,7 +272,7 @@ def test_what_comes_nearer_speeds_up(growth):
     assert off < 0.6 * plainly_off
     assert abs(grown.log_size[0, 1] - np.log(true[2])) < abs(plain.log_size[0, 1] - np.log(true[2]))
     depth_left = 1 - growth * 0.1 * 25
-    assert grown.growth[0] == pytest.approx(growth / depth_left, rel=0.35)
+    assert growth < grown.growth[0] < growth / depth_left  # it rises all the time, and the filter follows
 
 
 def test_growth_that_may_be_noise_is_not_believed():
