@@ -60,10 +60,10 @@ def test_share_of_the_way_goes_by_time() -> None:
     tracker = Tracker(replace(CONFIG, frame_rate=10.0))
     times = [0.1 * number for number in range(10)] + [1.3, 1.4]
     for number, time_s in enumerate(times):
-        places = [(100.0 + 10 * number, 100.0)] if number not in (10,) else []
+        places = [(100.0 + 100 * time_s, 100.0)] if number != 10 else []
         tracks = tracker.update(seen(*places), time_s)
-    (box,) = tracks.filled.xyxy.tolist()  # at 1.3 s, between 190 px at 0.9 s and 210 px at 1.4 s
-    assert (box[0] + box[2]) / 2 == pytest.approx(190 + 20 * 0.4 / 0.5, abs=1e-3)
+    (box,) = tracks.filled.xyxy.tolist()  # at 1.3 s, between 190 px at 0.9 s and 240 px at 1.4 s
+    assert (box[0] + box[2]) / 2 == pytest.approx(190 + 50 * 0.4 / 0.5, abs=1e-3)
 
 
 def test_object_that_is_not_confirmed_is_not_filled_in() -> None:

@@ -16,6 +16,7 @@ CONFIG = MotionConfig()
 UNBOUND = replace(CONFIG, new_speed=1e5, jump_speed=1e5)  # speeds that no bound touches
 STILL = np.zeros(1, np.bool_)
 ONE = np.zeros(1, np.intp)
+EVEN = np.full(1, 0.5)  # the score of which noise is as stated
 
 
 def _begin(x=100.0, y=50.0, height=40.0, config=CONFIG):
@@ -79,7 +80,7 @@ def test_filter_is_the_textbooks(seed):
             each.predict(step_s, speed)
         if rng.random() < 0.7:
             x, y = motions.place[0] + rng.normal(0, 8, 2)
-            motions.correct_(ONE, _states(x, y), config)
+            motions.correct_(ONE, _states(x, y), EVEN, config)
             plain[0].correct(x)
             plain[1].correct(y)
         np.testing.assert_allclose(motions.place[0], [each.state[0] for each in plain], rtol=1e-7, atol=1e-7)
@@ -93,7 +94,7 @@ def test_size_is_a_random_walk_of_its_logarithm():
     motions.predict_(0.5, STILL, config)
     variance = min(config.size_noise**2 + config.size_drift**2 * 0.5, 0.25)
     assert motions.size_variance[0] == pytest.approx(variance)
-    motions.correct_(ONE, _states(100, 50, 60), config)
+    motions.correct_(ONE, _states(100, 50, 60), EVEN, config)
     gain = variance / (variance + config.size_noise**2)
     expected = np.log(40) + gain * (np.log(60) - np.log(40))
     assert motions.log_size[0, 1] == pytest.approx(expected)
@@ -134,7 +135,7 @@ def _random_life(motions, rng, steps, check):
             check(motions)
         if rng.random() < 0.5:
             x, y = motions.place[0] + rng.normal(0, 20, 2)
-            motions.correct_(ONE, _states(x, y, 40 * np.exp(rng.normal(0, 0.3))), CONFIG)
+            motions.correct_(ONE, _states(x, y, 40 * np.exp(rng.normal(0, 0.3))), EVEN, CONFIG)
             check(motions)
 
 
@@ -205,7 +206,7 @@ def test_a_zoom_of_the_camera_is_a_life_in_a_larger_picture():
         np.testing.assert_allclose(_matrix(zoomed), _matrix(large), rtol=1e-12)
         np.testing.assert_allclose(zoomed.place, large.place, rtol=1e-12)
         for motions in (zoomed, large):
-            motions.correct_(ONE, _states(140, 131, 63.0), CONFIG)
+            motions.correct_(ONE, _states(140, 131, 63.0), EVEN, CONFIG)
             motions.predict_(0.1, STILL, CONFIG)
 
 
@@ -217,11 +218,11 @@ def test_objects_do_not_meet():
     moved = states + rng.normal(0, 0.1, states.shape)
     together = Motions.begin(states, CONFIG)
     together.predict_(0.1, np.zeros(9, np.bool_), CONFIG)
-    together.correct_(np.arange(9), moved, CONFIG)
+    together.correct_(np.arange(9), moved, np.full(9, 0.5), CONFIG)
     for one in range(9):
         alone = Motions.begin(states[one : one + 1], CONFIG)
         alone.predict_(0.1, STILL, CONFIG)
-        alone.correct_(ONE, moved[one : one + 1], CONFIG)
+        alone.correct_(ONE, moved[one : one + 1], EVEN, CONFIG)
         np.testing.assert_allclose(together.place[one], alone.place[0], rtol=1e-14)
         np.testing.assert_allclose(together.boxes()[one], alone.boxes()[0], rtol=1e-14)
         np.testing.assert_allclose(_matrix(together, one), _matrix(alone), rtol=1e-14)
@@ -230,7 +231,7 @@ def test_objects_do_not_meet():
 def test_no_objects():
     motions = Motions.begin(np.zeros((0, 4)), CONFIG)
     motions.predict_(1.0, np.zeros(0, np.bool_), CONFIG)
-    motions.correct_(np.zeros(0, np.intp), np.zeros((0, 4)), CONFIG)
+    motions.correct_(np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros(0), CONFIG)
     motions.move_camera_(np.eye(2, 3))
     assert motions.boxes().shape == (0, 4)
 
@@ -258,7 +259,7 @@ def _watch(growth, config=CONFIG, frames=25, step_s=0.1, noise=0.0, speed=1.2):
     motions = Motions.begin(_states(*box(0)), config)
     for number in range(1, frames):
         motions.predict_(step_s, STILL, config)
-        motions.correct_(ONE, _states(*box(number)), config)
+        motions.correct_(ONE, _states(*box(number)), EVEN, config)
     motions.predict_(step_s, STILL, config)
     return motions, np.array(box(frames))
 
@@ -300,3 +301,21 @@ def test_growth_is_bounded_in_a_step(growth):
     motions.predict_(5.0, STILL, replace(CONFIG, growth_drift=0.0))
     factor = 2.0 if growth > 0 else 1 / 1.5
     np.testing.assert_allclose(motions.place, [[100 + 50 * factor, 50]])
+
+
+@pytest.mark.parametrize(("score", "factor"), [(0.0, 1.3), (0.5, 1.0), (1.0, 0.7), (80.0, 0.7)])
+def test_weak_boxes_err_more(score, factor):
+    """As with noise that is as much larger; a score above 1 is one of 1."""
+    config = replace(CONFIG, score_noise=0.6)
+    scored, stated = _begin(), _begin()
+    larger = {name: factor * getattr(CONFIG, name) for name in ("place_noise", "size_noise", "growth_noise")}
+    for motions in (scored, stated):
+        motions.predict_(0.1, STILL, config)
+    scored.correct_(ONE, _states(110, 40, 50), np.full(1, score), config)
+    stated.correct_(ONE, _states(110, 40, 50), EVEN, replace(config, **larger))
+    np.testing.assert_allclose(scored.values, stated.values, rtol=1e-12)
+
+
+def test_noise_of_scores_has_a_bound():
+    with pytest.raises(ConfigError, match="score_noise=2: expected below 2"):
+        MotionConfig(score_noise=2)

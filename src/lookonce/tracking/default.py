@@ -301,9 +301,10 @@ class DefaultRule:
             objects.motions.widen_(fast, unseen_s[fast], self.config.motion)
         states = frame.states.T.take(rows, axis=1).T
         sightings = Sightings(rows, seen, states, objects.seen_s[seen], objects.last.take(seen, axis=1))
-        correction = objects.motions.correct_(seen, states, self.config.motion)
+        labels, scores = frame.labels[rows], frame.scores[rows]
+        correction = objects.motions.correct_(seen, states, scores, self.config.motion)
         boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.now_s)
-        objects.see_(seen, frame.labels[rows], frame.scores[rows], self.now_s, self.config.evidence, self.moving)
+        objects.see_(seen, labels, scores, self.now_s, self.config.evidence, self.moving)
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
         objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
         self.next_id += len(confirmed)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
+from lookonce.errors import ConfigError
 
 __all__ = [
     "MOTION_ROWS",
@@ -44,6 +45,8 @@ class MotionConfig:
     Attributes:
         place_noise: standard deviation of a detection's centre, boxes.
         size_noise: of the logarithm of a detection's width and height.
+        score_noise: weak boxes err more: for a detection of score s all noise is ``1 + score_noise (0.5 - s)`` times as
+            large, below 2 (after Du and others, "GIAOTracker", 2021).
         acceleration: spectral density of the acceleration of an object at rest, boxes / s^1.5.
         acceleration_share: the same for a moving one, as a share of its speed, 1 / s^0.5.
         new_speed: standard deviation of the speed of an object seen once, and its bound later, boxes / s.
@@ -58,6 +61,7 @@ class MotionConfig:
 
     place_noise: float = 0.12
     size_noise: float = 0.4
+    score_noise: float = 0.6
     acceleration: float = 0.25
     acceleration_share: float = 0.25
     new_speed: float = 2.0
@@ -71,6 +75,8 @@ class MotionConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, above_zero=("place_noise", "size_noise", "slow_down_s", "growth_noise"))
+        if self.score_noise >= 2:
+            raise ConfigError(f"score_noise={self.score_noise}: expected below 2")
 
 
 _LARGEST_SIZE_VARIANCE = 0.25  # a box half or twice as large, after any gap
@@ -220,15 +226,25 @@ class Motions:
         nearer *= nearer
         velocity *= nearer
 
-    def correct_(self, objects: NDArray[np.intp], states: _F, config: MotionConfig) -> Correction:
-        """Changes the filters of ``objects`` (M,) by what was seen of them, ``box_states`` (M, 4), and says how."""
+    def correct_(self, objects: NDArray[np.intp], states: _F, scores: _F, config: MotionConfig) -> Correction:
+        """Changes the filters of ``objects`` (M,) by what was seen of them, and says how.
+
+        Args:
+            objects: places.
+            states: (M, 4) ``box_states`` of the detections.
+            scores: (M,) of them.
+            config: the settings.
+        """
         values, seen = self.values.take(objects, axis=1), states.T
         variance, covariance, size_variance = values[6:8], values[8:10], values[12]
+        noise = 1.0 + config.score_noise * (0.5 - scores)
+        np.maximum(noise, 1.0 - 0.5 * config.score_noise, out=noise)  # as of score 1, whatever is above
+        noise *= noise
         total = variance.copy()
-        total[0] += (config.place_noise * np.exp(seen[3])) ** 2
-        total[1] += config.growth_noise**2
+        total[0] += (config.place_noise * np.exp(seen[3])) ** 2 * noise
+        total[1] += config.growth_noise**2 * noise
         gain, rate_gain = variance / total, covariance / total
-        size_gain = size_variance / (size_variance + config.size_noise**2)
+        size_gain = size_variance / (size_variance + config.size_noise**2 * noise)
         surprise = seen - values[:4]
         taller = _levels(seen) - values[14]
         for axis in (0, 1):  # one by one: NumPy is slow to repeat a row
