@@ -118,7 +118,7 @@ def test_place_follows_the_velocity_and_what_is_unseen_slows_down():
     motions.predict_(0.5, STILL, CONFIG)
     np.testing.assert_allclose(motions.place, [[115.0, 45.0]])
     np.testing.assert_array_equal(motions.velocity, [[30.0, -10.0]])
-    for _ in range(200):
+    for _ in range(400):
         motions.predict_(0.1, ~STILL, CONFIG)
     assert np.abs(motions.velocity).max() < 1e-3
     # Steps of a tenth of a second overestimate the way until it stands, velocity * slow_down_s, by little.

@@ -65,10 +65,10 @@ class MotionConfig:
     acceleration: float = 0.25
     acceleration_share: float = 0.25
     new_speed: float = 2.0
-    size_drift: float = 0.3
+    size_drift: float = 0.2
     jump_speed: float = 16.0
     jump_share: float = 0.3
-    slow_down_s: float = 1.5
+    slow_down_s: float = 2.5
     growth: float = 0.3
     growth_drift: float = 0.15
     growth_noise: float = 0.2
