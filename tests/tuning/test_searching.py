@@ -56,7 +56,7 @@ def test_what_has_no_effect_is_not_searched():
 def test_only_some_settings_by_name_or_table():
     chosen = [one.name for one in choose_ranges(DefaultConfig(), True, ["evidence", "memory_s"])]
     assert chosen[0] == "memory_s"
-    assert len(chosen) == 7
+    assert len(chosen) == 8
     with pytest.raises(ConfigError, match=r"'memry_s': .*did you mean memory_s"):
         choose_ranges(DefaultConfig(), True, ["memry_s"])
 

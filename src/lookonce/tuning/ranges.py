@@ -56,8 +56,8 @@ _APPEARANCE = (
     _whole("views", 0, 12),
     SearchRange("view_apart", 0.1, 1.2),
     _log("view_interval_s", 0.03, 2.0),
-    SearchRange("clean_overlap", 0.1, 0.9),
-    SearchRange("hidden_overlap", 0.05, 0.8),
+    SearchRange("clean_overlap", 0.03, 0.9),
+    SearchRange("hidden_overlap", 0.03, 0.8),
     _log("hidden_s", 0.3, 10.0),
 )
 _DETECTIONS = (
@@ -65,7 +65,7 @@ _DETECTIONS = (
     SearchRange("birth_score", 0.1, 0.6),
     SearchRange("high_score", 0.2, 0.8),
     SearchRange("low_overlap", 0.1, 0.8),
-    _log("recent_s", 0.05, 2.0),
+    _log("recent_s", 0.05, 10.0),
     SearchRange("safe_overlap", 0.2, 0.95),
     SearchRange("same_overlap", 0.3, 0.95),
     SearchRange("duplicate_overlap", 0.1, 0.9),
@@ -74,6 +74,7 @@ _DETECTIONS = (
     _log("memory_s", 0.5, 60.0),
     _log("tentative_s", 0.1, 4.0),
     _log("leave_s", 0.1, 8.0),
+    SearchRange("fill_s", 0.0, 8.0),
 )
 _MOTION = (
     _log("motion.place_noise", 0.03, 0.5),
@@ -84,11 +85,16 @@ _MOTION = (
     _log("motion.size_drift", 0.05, 1.5),
     _log("motion.jump_speed", 4.0, 64.0),
     SearchRange("motion.jump_share", 0.02, 0.8),
-    _log("motion.slow_down_s", 0.3, 8.0),
+    _log("motion.slow_down_s", 0.3, 10.0),
+    SearchRange("motion.score_noise", 0.0, 1.8),
+    _log("motion.growth", 0.03, 1.5),
+    _log("motion.growth_drift", 0.02, 1.0),
+    _log("motion.growth_noise", 0.05, 0.8),
 )
 _EVIDENCE = (
     _whole("evidence.hits", 1, 5),
     SearchRange("evidence.score", 0.3, 0.95),
+    _log("evidence.score_mean_s", 0.1, 5.0),
     _log("evidence.score_memory_s", 0.5, 20.0),
     _log("evidence.travel", 0.1, 2.5),
     _whole("evidence.travels", 1, 6),
