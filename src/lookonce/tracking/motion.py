@@ -198,10 +198,10 @@ class Motions:
         noise *= step_s
         rate_variance += noise
         squared_height *= config.new_speed**2
-        for of_what, bound in ((0, squared_height), (1, np.full(len(squared_height), config.growth**2))):
+        for of_what, bound in ((0, squared_height), (1, config.growth**2)):
             beyond = (rate_variance[of_what] > bound).nonzero()[0]
             if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
-                bounds = bound[beyond]
+                bounds = bound[beyond] if isinstance(bound, np.ndarray) else bound
                 covariance[of_what][beyond] *= np.sqrt(bounds / rate_variance[of_what][beyond])
                 rate_variance[of_what][beyond] = bounds
         values[12] += config.size_drift**2 * step_s

@@ -53,8 +53,9 @@ class OwnBoxes:
 
     def give_out(self, frame: Frame, objects: Objects, seen: Sightings, correction: Correction, now_s: float) -> _F:
         """The boxes (M, 4) of what is seen, by which filters were corrected; the frame and the objects get them."""
-        boxes, surprise = frame.xyxy[seen.rows], seen.before[:4]
-        if self.is_steady:
+        if not self.is_steady:
+            boxes, surprise = frame.xyxy[seen.rows], seen.before[:4]
+        else:
             boxes = self.steadying.boxes(correction, seen.states, now_s - seen.seen_s)
             frame.reported = frame.reported.copy()
             frame.reported[seen.rows] = boxes
