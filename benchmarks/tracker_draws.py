@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from lookonce.cli.evaluated_truth import open_truth, thin
 from lookonce.compare.associated import Associated
-from lookonce.compare.contenders.presets import associate_by
-from lookonce.compare.contenders.registry import contenders
+from lookonce.compare.contenders.presets import associate_by, calibrated
+from lookonce.compare.contenders.registry import CROPS, PLAIN_SCORE, contenders
 from lookonce.compare.detection_store import read_detections
 from lookonce.compare.detections import DetectedSequence
 from lookonce.compare.jobs import select
@@ -29,6 +29,7 @@ from lookonce.tracking.settings import choose_tracker
 from machine import describe_machine
 
 LEFT_OUT = 0.03
+LEAST_SCORE = 0.1
 FIGURES = ("IDF1", "AssA", "HOTA", "MOTA", "IDSW")
 
 
@@ -67,8 +68,14 @@ def main() -> None:
     arguments = parser.parse_args()
     (true,) = open_truth(arguments.truth, frames=arguments.frames)
     stored = read_detections(arguments.detections).sequence
-    config = choose_tracker("default", arguments.changes).config
+    chosen = choose_tracker("default", arguments.changes)
+    config = chosen.config if chosen.has_threshold else calibrated(chosen.config, stored)
     known = contenders()
+    if unknown := [name for name in arguments.trackers if name == CROPS or name not in known]:
+        parser.error(
+            f"--trackers {' '.join(unknown)}: expected of {', '.join(name for name in known if name != CROPS)}"
+        )
+    least = {name: LEAST_SCORE if known[name].has_own_threshold else PLAIN_SCORE for name in arguments.trackers}
     ways = {"default": lambda sequence, _: associate_by(config, sequence)}
     ways |= {name: lambda sequence, _, one=known[name]: one.answer(sequence) for name in arguments.trackers}
     ways["oracle"] = lambda sequence, truth: Associated.of(sequence, oracle_ids(sequence, truth, 0.5))
@@ -79,8 +86,9 @@ def main() -> None:
         for name, way in ways.items():
             rows = []
             for number in range(arguments.draws):
-                chosen = select(draw(stored, number), every, 0.1, tuple(arguments.labels))
-                rows.append(figures(truth, chosen, way(chosen, truth)))
+                drawn = draw(stored, number)
+                drawn = select(drawn, every, least.get(name, LEAST_SCORE), tuple(arguments.labels))
+                rows.append(figures(truth, drawn, way(drawn, truth)))
             print(f"{name:12s} {every:5d}  " + "  ".join(map(span, np.array(rows).T)), flush=True)
 
 

@@ -182,7 +182,8 @@ class Filled:
     Attributes:
         frames: (F,) int64, by the number that the tracker was given, or of its update from 0.
         ids: (F,) int64.
-        xyxy: (F, 4) float32, px of the original image: on the straight line between the boxes before and after.
+        xyxy: (F, 4) float32, px of the original image: on the straight line between the boxes before and after,
+            whatever the camera did.
         labels: (F,) int64.
     """
 

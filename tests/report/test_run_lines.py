@@ -77,6 +77,14 @@ def test_hostile_header_is_refused_or_shortened(tmp_path: Path):
     assert "model" in refusal(FormatError, lambda: read_run_lines(path))
 
 
+def test_boxes_of_score_0_are_no_detections(tmp_path: Path):
+    """They fill a gap in which nobody detected the object; the other file of the same run lists them apart."""
+    path = write(
+        tmp_path / "a.txt", "1,7,0,0,4,4,0.25,-1,-1,-1\n2,7,0,0,4,4,0.0000,-1,-1,-1\n3,7,0,0,4,4,0.5,-1,-1,-1\n"
+    )
+    assert read_mot_lines(path).row_frames.tolist() == [0, 2]
+
+
 def test_mot_text_has_scores_and_no_classes(tmp_path: Path):
     path = write(tmp_path / "a.txt", "1,7,0,0,4,4,0.25,-1,-1,-1\n2,7,0,0,0,4,0.5,-1,-1,-1\n")
     lines = read_mot_lines(path)

@@ -74,6 +74,18 @@ def test_object_that_is_not_confirmed_is_not_filled_in() -> None:
         assert len(tracks.filled) == 0
 
 
+def test_gap_of_an_object_that_has_to_be_confirmed_again_stays_open() -> None:
+    """Weak and still for long, so not taken as real; missed, seen weakly, and only then sure again."""
+    tracker, filled, weak = Tracker(CONFIG), 0, 0.15
+    for number in range(420):
+        places = [] if 300 <= number < 305 else [(100.0, 100.0)]
+        score = 0.9 if number < 50 or number >= 310 else weak
+        tracks = tracker.update(seen(*places, scores=score), number * STEP_S)
+        filled += len(tracks.filled)
+    assert tracks.ids[0] == 1
+    assert filled == 0
+
+
 def test_array_form_has_them_at_the_tracker() -> None:
     tracker = Tracker(CONFIG)
     box = np.array([[10, 10, 50, 90, 0.9, 3]])

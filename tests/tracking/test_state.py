@@ -81,6 +81,28 @@ def test_the_scene_has_what_a_state_must_hold() -> None:
     assert held == {"rows that wait", "confirmed", "views", "hidden", "scores", "surprises", "gaps"}
 
 
+def test_a_moving_camera_goes_on(tmp_path: Path) -> None:
+    def answers(tracker: Tracker, first: int, frames: list[Detections]) -> list[bytes]:
+        camera = np.array([[1.0, 0.01, 2.0], [-0.01, 1.0, 1.0]])
+        found = [tracker.update(one, number / 10, camera=camera) for number, one in enumerate(frames, first)]
+        return [one.ids.tobytes() + one.xyxy.tobytes() + one.filled.xyxy.tobytes() for one in found]
+
+    frames = crowd()
+    whole, tracker = answers(Tracker(), 0, frames), Tracker()
+    answers(tracker, 0, frames[:20])
+    tracker.save(tmp_path / "state")
+    assert answers(Tracker.load(tmp_path / "state"), 20, frames[20:]) == whole[20:]
+
+
+def test_times_too_large_to_tell_apart_are_saved_and_loaded(tmp_path: Path) -> None:
+    """Microseconds since 1970 that stand still: a millisecond more is lost in rounding."""
+    tracker = Tracker("iou")
+    for _ in range(5):
+        tracker.update(np.array([[10, 10, 50, 90, 0.9, 0]]), 1.7e15)
+    tracker.save(tmp_path / "state")
+    assert Tracker.load(tmp_path / "state").update(np.array([[10, 10, 50, 90, 0.9, 0]]), 1.7e15)[0, 6] == 1
+
+
 def test_without_descriptors(tmp_path: Path) -> None:
     frames = [Detections(one.xyxy, one.scores, one.labels) for one in crowd()]
     whole = run(Tracker(), frames)
@@ -153,6 +175,12 @@ def _rewritten(saved: Path, path: Path, **changes) -> Path:
         pytest.param({"about": np.frombuffer(b"[" * 5000, np.uint8)}, id="no JSON"),
         pytest.param({"about": np.zeros(1 << 20, np.uint8)}, id="a huge text"),
         pytest.param({"waiting": np.full((1, 4), 10**9)}, id="a row of nobody"),
+        pytest.param({"steadying": np.array([1.0, 0, 0, -1, 1])}, id="negative squares"),
+        pytest.param({"steadying": np.zeros(4)}, id="sums missing"),
+        pytest.param({"passed": np.arange(2), "passed_s": np.array([0.2, 0.1])}, id="times that fall"),
+        pytest.param({"passed": np.arange(1), "passed_s": np.array([1e6])}, id="a frame to come"),
+        pytest.param({"passed": np.arange(999), "passed_s": np.linspace(0, 0.5, 999)}, id="too many frames"),
+        pytest.param({"passed": np.arange(3), "passed_s": np.array([0.1])}, id="frames without times"),
     ],
 )
 def test_what_is_no_state_is_one_line(saved: Path, tmp_path: Path, changes) -> None:
@@ -165,6 +193,30 @@ def test_what_is_no_state_is_one_line(saved: Path, tmp_path: Path, changes) -> N
 
 
 @pytest.mark.parametrize(
+    ("name", "place", "value"),
+    [
+        pytest.param("motions", (6, 0), -1.0, id="place-variance"),
+        pytest.param("motions", (11, 0), -1.0, id="growth-variance"),
+        pytest.param("motions", (12, 0), -1.0, id="size-variance"),
+        pytest.param("motions", (2, 0), 1000.0, id="size-beyond-reason"),
+        pytest.param("motions", (0, 0), np.nan, id="not-a-number"),
+        pytest.param("motions", (13, 0), np.inf, id="infinite-growth"),
+        pytest.param("surprise", (0, 1), np.inf, id="half-infinite-surprise"),
+        pytest.param("surprise", (0, 0), 5.0, id="large-surprise"),
+        pytest.param("surprise", (0,), -np.inf, id="surprise-below-all"),
+        pytest.param("seen_s", (0,), 1e9, id="seen-in-future"),
+        pytest.param("heading", (0, 0), np.nan, id="nowhere"),
+    ],
+)
+def test_numbers_that_would_spoil_the_stream_are_refused(saved: Path, tmp_path: Path, name, place, value) -> None:
+    with np.load(saved) as archive:
+        values = archive[name].copy()
+    values[place] = value
+    with pytest.raises(FormatError, match=r"Tracker\.save"):
+        Tracker.load(_rewritten(saved, tmp_path / "bad", **{name: values}))
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         pytest.param({"version": 99}, "version 99", id="version"),
@@ -173,6 +225,8 @@ def test_what_is_no_state_is_one_line(saved: Path, tmp_path: Path, changes) -> N
         pytest.param({"size": -1}, "size", id="negative size"),
         pytest.param({"config": {"unknown": 1}}, "state", id="unknown settings"),
         pytest.param({"now_s": None}, "state", id="no clock"),
+        pytest.param({"now_s": float("inf")}, "now_s", id="endless clock"),
+        pytest.param({"offset_s": float("nan")}, "offset_s", id="no offset"),
     ],
 )
 def test_what_the_text_says_is_checked(saved: Path, tmp_path: Path, change, message) -> None:

@@ -53,6 +53,25 @@ def test_boxes_of_a_precise_detector_hardly_change(noise: float) -> None:
     assert given < detected + 0.15
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_gaps_do_not_make_a_precise_detector_look_noisy(noise: float) -> None:
+    """After a second unseen on a winding way an object is far from where it was expected, whatever the noise."""
+    rng = np.random.default_rng(9)
+    tracker, detected, given = Tracker(CONFIG), [], []
+    hidden = np.zeros(OBJECTS, np.int64)
+    for frame in range(600):
+        hidden = np.where(hidden > 0, hidden - 1, np.where(rng.random(OBJECTS) < 0.05, 25, 0))
+        true = _walk(0) + 40 * np.sin(frame / 12 + np.arange(OBJECTS))[:, np.newaxis] * np.array([1, 0, 1, 0])
+        boxes = (true + rng.normal(0, noise, true.shape)).astype(np.float32)
+        rows = np.flatnonzero(hidden == 0)
+        found = Detections(boxes[rows], np.full(len(rows), 0.9, np.float32), np.zeros(len(rows), np.int64))
+        tracks = tracker.update(found, frame * STEP_S)
+        if frame >= 100:
+            detected.append(np.abs(boxes[rows] - true[rows]).sum())
+            given.append(np.abs(tracks.xyxy - true[rows]).sum())
+    assert sum(given) < 1.05 * sum(detected) + 0.05 * len(given)
+
+
 def test_without_it_boxes_are_as_detected() -> None:
     detected, given = _errors(3.0, replace(CONFIG, steady=False))
     assert given == detected

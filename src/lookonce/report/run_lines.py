@@ -73,7 +73,7 @@ def read_mot_lines(path: Path) -> RunLines:
     """
     rows = read_mot_results(path)
     has_area = (rows.xyxy[:, 2:] > rows.xyxy[:, :2]).all(axis=1)
-    kept = np.flatnonzero(has_area)
+    kept = np.flatnonzero(has_area & (rows.flags != 0))  # score 0: filled in, nobody detected it
     none = np.zeros(len(kept), np.int64)
     frames = np.unique(rows.frames)
     return RunLines(rows.frames[kept], rows.xyxy[kept], rows.flags[kept], none, (), rows.ids[kept], frames)

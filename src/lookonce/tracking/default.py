@@ -98,7 +98,7 @@ class DefaultRule:
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
         filled = self._see(frame, rows, seen, unseen_s)
-        self.own_boxes.passed.add(self._frame_number, self.now_s)
+        self.own_boxes.end_frame(self._frame_number, self.now_s)
         ids, labels, given_back = self._answer(frame, rows, seen)
         unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
         new = self._begin(frame)

@@ -49,8 +49,8 @@ class DefaultConfig:
         hidden_s: since at most so long, s.
         given_back_rows: an object that is confirmed gets at most so many earlier rows back.
         steady: whether boxes are made steadier, as far as the detector's own noise goes; else they are as detected.
-        fill_s: an object that is seen again after at most so long gets boxes for the frames in which it was missed, on
-            the straight line between, s; 0: never. At most 256 frames.
+        fill_s: a confirmed object that is seen again after at most so long gets boxes for the frames in which it was
+            missed, on the straight line between, s; 0: never. At most 256 frames.
         frame_rate: frames a second where no times are given.
         motion: how objects move.
         evidence: when an object is taken as real.

@@ -6,12 +6,13 @@ far; what is unseen slows down. With white acceleration of density q² the exact
 ``[[dt³/3, dt²/2], [dt²/2, dt]] q²`` (Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and
 navigation", 6.2.2).
 
-What comes nearer grows and speeds up. A filter of the size's logarithm (state: level and growth g, 1/s) tells how fast.
-A point ``p = f X / Z`` that moves with constant speed in space has the velocity ``v = f X' / Z + g p`` in the picture,
-with ``g = -Z' / Z``, and so ``v' = 2 g v``: after dt it has moved by ``v dt / (1 - g dt)``, its size is
-``1 / (1 - g dt)`` times as large, its velocity the square of that. Growth that may be noise is not believed: what is
-used of g is ``g max(0, 1 - var(g) / g²)``, the positive part after James and Stein. It stays as it is between
-detections, where g would grow as well, because what is passed by the camera would be shot away.
+What comes nearer grows and speeds up. A filter of the size's logarithm tells how fast; its state is the level, which
+is the mean over width and height, and the growth g, 1/s. A point ``p = f X / Z`` that moves with constant speed in
+space has the velocity ``v = f X' / Z + g p`` in the picture, with ``g = -Z' / Z``, and so ``v' = 2 g v``: after dt it
+has moved by ``v dt / (1 - g dt)``, its size is ``1 / (1 - g dt)`` times as large, its velocity the square of that.
+Growth that may be noise is not believed: what is used of g is ``g max(0, 1 - var(g) / g²)``, the positive part after
+James and Stein. That g itself would grow between detections is left out, because what passes by the camera would be
+shot away; of unseen objects it fades as the velocity does.
 """
 
 from __future__ import annotations
@@ -45,15 +46,15 @@ class MotionConfig:
     Attributes:
         place_noise: standard deviation of a detection's centre, boxes.
         size_noise: of the logarithm of a detection's width and height.
-        score_noise: weak boxes err more: for a detection of score s all noise is ``1 + score_noise (0.5 - s)`` times as
-            large, below 2 (after Du and others, "GIAOTracker", 2021).
+        score_noise: weak boxes err more: where a detection of score s corrects a filter, all noise is
+            ``1 + score_noise (0.5 - s)`` times as large, below 2 (after Du and others, "GIAOTracker", 2021).
         acceleration: spectral density of the acceleration of an object at rest, boxes / s^1.5.
         acceleration_share: the same for a moving one, as a share of its speed, 1 / s^0.5.
         new_speed: standard deviation of the speed of an object seen once, and its bound later, boxes / s.
         size_drift: random walk of the logarithm of the size, 1 / s^0.5.
         jump_speed: of an object seen once that turns out to be fast, boxes / s;
         jump_share: this share of all new objects.
-        slow_down_s: an unseen object loses its speed with this time constant, s.
+        slow_down_s: an unseen object loses its speed and growth with this time constant, s.
         growth: standard deviation of the growth of an object seen once, and its bound later, 1 / s; 0: nothing grows.
         growth_drift: spectral density of its change, 1 / s^1.5.
         growth_noise: standard deviation of the logarithm of a detection's size, where growth is measured.
@@ -278,13 +279,13 @@ class Motions:
         """Changes the filters by an affine map (2, 3) of the picture before onto this one; variances grow as areas."""
         linear = affine[:, :2]
         (a, b), (c, d) = linear.tolist()
-        growth = abs(a * d - b * c)
+        area = abs(a * d - b * c)
         self.place[:] = moved(self.place, affine)
         self.velocity[:] = np.ascontiguousarray(self.velocity) @ linear.T
         for row in (6, 8, 10):
-            self.values[row] *= growth
-        self.values[2:4] += 0.5 * np.log(growth)
-        self.values[14] += 0.5 * np.log(growth)
+            self.values[row] *= area
+        self.values[2:4] += 0.5 * np.log(area)
+        self.values[14] += 0.5 * np.log(area)
 
     def boxes(self) -> _F:
         """(P, 4) float64 xyxy where the objects are believed to be."""

@@ -106,7 +106,8 @@ class Objects:
         travel_s: (P,) float64, when the last travel ended.
         anchor: (P, 2) float64, px, where it ended.
         heading: (P, 2) float64, px, where it went.
-        surprise: (P, 4) float64, how far off the last detection was, as ``Steadying`` has it.
+        surprise: (P, 4) float64, how far off the last detection was, as ``Steadying`` has it; infinite where that says
+            nothing.
         box: (P, 4) float64, xyxy as given out when last seen, px.
         last: (8, P) float64, both as rows.
         is_real: (P,) bool, whether rows are given the id now.
@@ -155,6 +156,7 @@ class Objects:
         new.serials[:], new.ids[:], new.slots[:], new.labels[:], new.hits[:] = serials, NO_ID, slots, labels, 1
         new.votes[:], new.seen_s[:], new.score_mean[:], new.travel_s[:] = scores, now_s, scores, -np.inf
         new.anchor[:] = states[:, :2]
+        new.surprise[:] = np.inf
         new.box[:] = boxes_around(states.T[:2], np.exp(states.T[2:]))
         return new
 

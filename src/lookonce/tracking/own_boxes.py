@@ -19,6 +19,8 @@ __all__ = ["OwnBoxes", "Sightings"]
 
 _F = NDArray[np.float64]
 
+_SOON_S = 0.5  # or in the next frame
+
 
 @dataclass(frozen=True, slots=True)
 class Sightings:
@@ -50,6 +52,7 @@ class OwnBoxes:
         self.is_steady = config.steady
         self.steadying = Steadying()
         self.passed = PassedFrames(config.fill_s)
+        self.last_s = 0.0  # the time of the frame before
 
     def give_out(self, frame: Frame, objects: Objects, seen: Sightings, correction: Correction, now_s: float) -> _F:
         """The boxes (M, 4) of what is seen, by which filters were corrected; the frame and the objects get them."""
@@ -60,10 +63,17 @@ class OwnBoxes:
             frame.reported = frame.reported.copy()
             frame.reported[seen.rows] = boxes
             surprise = in_boxes(correction.surprise, boxes.T[3] - boxes.T[1])
-            again = (objects.is_real[seen.objects] & (objects.hits[seen.objects] > 1)).nonzero()[0]
+            is_early = now_s - seen.seen_s <= max(_SOON_S, 1.01 * (now_s - self.last_s))
+            again = (is_early & objects.is_real[seen.objects] & (seen.before[0] < np.inf)).nonzero()[0]
             self.steadying.learn(seen.before[:4].take(again, axis=1), surprise.take(again, axis=1))
+            surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector
         objects.last[:, seen.objects] = np.concatenate([surprise, boxes.T])
         return boxes
+
+    def end_frame(self, number: int, now_s: float) -> None:
+        """The frame is done; it is called ``number``."""
+        self.passed.add(number, now_s)
+        self.last_s = now_s
 
     def fill(self, objects: Objects, seen: Sightings, boxes: _F, now_s: float) -> Filled:
         """Boxes for the frames in which objects that are real were missed; ``boxes`` (M, 4) are given out now."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -30,6 +31,7 @@ _FORMAT, _VERSION = "lookonce-tracker", 2
 _MOST_BYTES = 4_000_000_000  # 300,000 objects of 128 values
 _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
+_LARGEST_LOGARITHM = 200.0  # of a size in px
 _LARGEST = 2.0 * SCALE * SCALE  # of a descriptor's value in whole numbers, far above any
 
 _OBJECTS: dict[str, type] = {
@@ -172,8 +174,14 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     _check(
         arrays,
         shapes | {"extent": (4,), "moving": (3,), "steadying": (5,), "motions": (MOTION_ROWS, count)},
-        may_be_infinite=("extent", "travel_s"),
+        may_be_infinite=("extent", "travel_s", "surprise"),
     )
+    _check_filters(arrays["motions"])
+    _check_surprises(arrays["surprise"])
+    if not all(math.isfinite(one) for one in (rule.now_s, rule.given_s, rule.offset_s)):
+        raise ValueError("now_s, given_s, offset_s: expected finite seconds")
+    if (arrays["seen_s"] > rule.now_s).any():
+        raise ValueError("seen_s: expected times up to the last frame's")
     if (np.diff(arrays["serials"]) <= 0).any() or (arrays["serials"] >= rule.next_serial).any():
         raise ValueError("serials: expected rising numbers that were given out")
     known = arrays["ids"][arrays["ids"] != NO_ID]
@@ -182,6 +190,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.extent = arrays["extent"]
     rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
     rule.own_boxes.steadying.restore(arrays["steadying"])
+    rule.own_boxes.last_s = rule.now_s
     _restore_passed(rule, arrays)
     _restore_looks(rule, about["size"], arrays, count)
     none = np.zeros(count, np.int64)
@@ -195,11 +204,23 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     return rule
 
 
+def _check_filters(values: NDArray[np.float64]) -> None:
+    variances, logarithms = values[[6, 7, 10, 11, 12]], values[[2, 3, 14]]
+    if (variances < 0).any() or (np.abs(logarithms) > _LARGEST_LOGARITHM).any():
+        raise ValueError("motions: expected variances from 0 and sizes within reason")
+
+
+def _check_surprises(values: NDArray[np.float64]) -> None:
+    is_none, is_small = (values == np.inf).all(axis=1), (np.abs(values) <= 1).all(axis=1)
+    if not (is_none | is_small).all():
+        raise ValueError("surprise: expected numbers up to 1, or none at all")
+
+
 def _restore_passed(rule: DefaultRule, arrays: dict[str, NDArray[Any]]) -> None:
     count = len(arrays["passed"])
     _check(arrays, {"passed": (count,), "passed_s": (count,)})
-    if count > MOST_PASSED or (np.diff(arrays["passed_s"]) <= 0).any() or (arrays["passed_s"] > rule.now_s).any():
-        raise ValueError(f"passed: expected at most {MOST_PASSED} frames at rising times")
+    if count > MOST_PASSED or (np.diff(arrays["passed_s"]) < 0).any() or (arrays["passed_s"] > rule.now_s).any():
+        raise ValueError(f"passed: expected at most {MOST_PASSED} frames at times that do not fall")
     rule.own_boxes.passed.frames.extend(zip(arrays["passed"].tolist(), arrays["passed_s"].tolist(), strict=True))
 
 

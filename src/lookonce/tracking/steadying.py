@@ -54,23 +54,22 @@ class Steadying:
         self.pairs, *sums = state.tolist()
         self.products, self.squares = sums[:2], sums[2:]
 
-    def boxes(self, correction: Correction, states: _F, unseen_s: _F | None = None) -> _F:
+    def boxes(self, correction: Correction, states: _F, unseen_s: _F) -> _F:
         """Boxes xyxy (M, 4) for detections ``box_states`` (M, 4), by which filters were corrected.
 
-        ``unseen_s`` (M,): how long ago each object was seen before, above 0; None: not longer than usual.
+        ``unseen_s`` (M,): how long ago each object was seen before.
         """
         share = self._noise() - correction.gains
         np.maximum(share, 0.0, out=share)
         share *= min(1.0, self.pairs / _CONVINCING)
-        if unseen_s is not None:
-            share *= np.minimum(1.0, (_CHANGED_S / unseen_s) ** 2)
+        share *= (_CHANGED_S / np.maximum(unseen_s, _CHANGED_S)) ** 2
         count = len(states)
         way = correction.surprise.reshape(2, 2, count) * share[:, np.newaxis]
         moved = states.T - way.reshape(4, count)
         return boxes_around(moved[:2], np.exp(moved[2:]))
 
     def _noise(self) -> _F:
-        """(2, 1) shares of the surprises that the detector's noise would be if the filters took nothing over."""
+        """(2, 1), at most 1: ``1 - C1 / C0`` of places and of sizes; 0 where nothing is known."""
         (of_places, of_sizes), (place_squares, size_squares) = self.products, self.squares
         place = 1.0 - of_places / place_squares if place_squares > 0 else 0.0
         size = 1.0 - of_sizes / size_squares if size_squares > 0 else 0.0

@@ -131,8 +131,8 @@ class Tracker:
             camera: (2, 3) float64 affine map from the picture before to this one, px; None: the camera stood still.
             size: (height, width) of the picture, px: who goes over its border has left. None: after ten objects the
                 border is taken to be where boxes have been.
-            frame: what ``given_back`` and ``filled`` call this frame later; by default the number of the update, from
-                0.
+            frame: what ``given_back`` and ``filled`` call this frame later, a number above those before; by default
+                that of the update, from 0.
 
         Returns:
             In kind: :class:`Tracks`; or an array (N, 7) float64 with the id as last column; or a copy of the

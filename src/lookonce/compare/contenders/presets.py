@@ -12,7 +12,7 @@ from lookonce.structures import NO_ID, Detections, Filled
 from lookonce.tracking import PRESETS, Tracker, TrackerConfig
 from lookonce.tracking.default_config import DefaultConfig
 
-__all__ = ["associate_by", "associate_preset", "needs_descriptors"]
+__all__ = ["associate_by", "associate_preset", "calibrated", "needs_descriptors"]
 
 
 def associate_preset(name: str, sequence: DetectedSequence, makes_boxes: bool = True) -> Associated:
@@ -20,17 +20,20 @@ def associate_preset(name: str, sequence: DetectedSequence, makes_boxes: bool = 
     config = PRESETS[name]()
     if isinstance(config, DefaultConfig) and not makes_boxes:
         config = replace(config, steady=False, fill_s=0.0)
-    return associate_by(config, sequence)
+    return associate_by(calibrated(config, sequence), sequence)
+
+
+def calibrated(config: TrackerConfig, sequence: DetectedSequence) -> TrackerConfig:
+    """The settings with the threshold that was calibrated for the descriptors, where one was."""
+    return replace(config, match_threshold=sequence.match_threshold) if sequence.match_threshold else config
 
 
 def associate_by(config: TrackerConfig, sequence: DetectedSequence) -> Associated:
-    """What settings make of all rows, with the threshold that was calibrated for the descriptors.
+    """What settings make of all rows.
 
     A preset that confirms an object gives its earlier rows back, and they count, as in what ``lookonce track`` writes;
     and so do the boxes that it makes itself.
     """
-    if sequence.match_threshold:
-        config = replace(config, match_threshold=sequence.match_threshold)
     tracker = Tracker(config)
     ids, xyxy, gaps = np.full(len(sequence), NO_ID, np.int64), sequence.xyxy.copy(), [Filled.nothing()]
     for number, frame in enumerate(sequence):
