@@ -66,15 +66,16 @@ def main() -> None:
     parser.add_argument("--every", type=int, nargs="+", default=[1, 2, 4, 8])
     parser.add_argument("--draws", type=int, default=5)
     arguments = parser.parse_args()
+    known = contenders()
+    if unknown := [name for name in arguments.trackers if name == CROPS or name not in known]:
+        others = ", ".join(name for name in known if name != CROPS)
+        parser.error(f"--trackers {' '.join(unknown)}: expected of {others}")
+    if missing := [name for name in arguments.trackers if not known[name].is_installed]:
+        parser.error(f"--trackers {' '.join(missing)}: not installed; pip install 'lookonce[compare]'")
     (true,) = open_truth(arguments.truth, frames=arguments.frames)
     stored = read_detections(arguments.detections).sequence
     chosen = choose_tracker("default", arguments.changes)
     config = chosen.config if chosen.has_threshold else calibrated(chosen.config, stored)
-    known = contenders()
-    if unknown := [name for name in arguments.trackers if name == CROPS or name not in known]:
-        parser.error(
-            f"--trackers {' '.join(unknown)}: expected of {', '.join(name for name in known if name != CROPS)}"
-        )
     least = {name: LEAST_SCORE if known[name].has_own_threshold else PLAIN_SCORE for name in arguments.trackers}
     ways = {"default": lambda sequence, _: associate_by(config, sequence)}
     ways |= {name: lambda sequence, _, one=known[name]: one.answer(sequence) for name in arguments.trackers}
