@@ -47,4 +47,4 @@ def write_results(path: Path, sequence: DetectedSequence, answer: NDArray[np.int
             first += len(found)
             tracks = Tracks(numbers[rows], answer.xyxy[rows], found.scores, found.labels, none, nowhere)
             sink.write(Frame(frame.index, frame.time_s, _NO_PICTURE), tracks)
-        sink.write_rows(Filled(np.asarray(sequence.frames)[gaps.frames], gaps.ids + 1, gaps.xyxy, gaps.labels))
+        sink.write_rows(Filled(sequence.frames[gaps.frames], gaps.ids + 1, gaps.xyxy, gaps.labels))

@@ -26,7 +26,9 @@ from lookonce.config import check_numbers
 from lookonce.errors import ConfigError
 
 __all__ = [
+    "LOGARITHMS",
     "MOTION_ROWS",
+    "VARIANCES",
     "Correction",
     "MotionConfig",
     "Motions",
@@ -83,6 +85,7 @@ class MotionConfig:
 _LARGEST_SIZE_VARIANCE = 0.25  # a box half or twice as large, after any gap
 _MOST_GROWTH = 0.5  # in one step, as a share of the depth: more would lead through the camera
 MOTION_ROWS = 15
+VARIANCES, LOGARITHMS = (6, 7, 10, 11, 12), (2, 3, 14)  # of these rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,13 +201,14 @@ class Motions:
         covariance += grown
         noise *= step_s
         rate_variance += noise
-        squared_height *= config.new_speed**2
-        for of_what, bound in ((0, squared_height), (1, config.growth**2)):
-            beyond = (rate_variance[of_what] > bound).nonzero()[0]
-            if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
-                bounds = bound[beyond] if isinstance(bound, np.ndarray) else bound
-                covariance[of_what][beyond] *= np.sqrt(bounds / rate_variance[of_what][beyond])
-                rate_variance[of_what][beyond] = bounds
+        most = np.empty_like(noise)
+        np.multiply(squared_height, config.new_speed**2, out=most[0])
+        most[1] = config.growth**2
+        beyond = (rate_variance > most).ravel().nonzero()[0]
+        if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
+            bound, rates = most.ravel()[beyond], rate_variance.reshape(-1)  # views: rows lie one after the other
+            covariance.reshape(-1)[beyond] *= np.sqrt(bound / rates[beyond])
+            rates[beyond] = bound
         values[12] += config.size_drift**2 * step_s
         np.minimum(values[12], _LARGEST_SIZE_VARIANCE, out=values[12])
 

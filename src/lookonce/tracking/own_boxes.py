@@ -13,13 +13,11 @@ from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.filling import PassedFrames
 from lookonce.tracking.motion import Correction
 from lookonce.tracking.objects import Objects
-from lookonce.tracking.steadying import Steadying, in_boxes
+from lookonce.tracking.steadying import CHANGED_S, Steadying, in_boxes
 
 __all__ = ["OwnBoxes", "Sightings"]
 
 _F = NDArray[np.float64]
-
-_SOON_S = 0.5  # or in the next frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ class OwnBoxes:
             frame.reported = frame.reported.copy()
             frame.reported[seen.rows] = boxes
             surprise = in_boxes(correction.surprise, boxes.T[3] - boxes.T[1])
-            is_early = now_s - seen.seen_s <= max(_SOON_S, 1.01 * (now_s - self.last_s))
+            is_early = now_s - seen.seen_s <= max(CHANGED_S, 1.01 * (now_s - self.last_s))
             again = (is_early & objects.is_real[seen.objects] & (seen.before[0] < np.inf)).nonzero()[0]
             self.steadying.learn(seen.before[:4].take(again, axis=1), surprise.take(again, axis=1))
             surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector

@@ -20,7 +20,7 @@ from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.filling import MOST_PASSED
 from lookonce.tracking.looks import LATEST
-from lookonce.tracking.motion import MOTION_ROWS, MotionConfig
+from lookonce.tracking.motion import LOGARITHMS, MOTION_ROWS, VARIANCES, MotionConfig
 from lookonce.tracking.objects import EvidenceConfig, Objects
 from lookonce.tracking.paper import PaperConfig, PaperObjects, PaperRule
 from lookonce.tracking.waiting import WaitingRow
@@ -205,7 +205,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
 
 
 def _check_filters(values: NDArray[np.float64]) -> None:
-    variances, logarithms = values[[6, 7, 10, 11, 12]], values[[2, 3, 14]]
+    variances, logarithms = values[list(VARIANCES)], values[list(LOGARITHMS)]
     if (variances < 0).any() or (np.abs(logarithms) > _LARGEST_LOGARITHM).any():
         raise ValueError("motions: expected variances from 0 and sizes within reason")
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from lookonce.tracking.motion import Correction, boxes_around
 
-__all__ = ["Steadying", "in_boxes"]
+__all__ = ["CHANGED_S", "Steadying", "in_boxes"]
 
 _F = NDArray[np.float64]
 
 _REMEMBERED = 2000.0  # pairs of surprises
 _CONVINCING = 50.0  # with fewer, boxes are moved less
-_CHANGED_S = 0.5  # what was not seen for longer has changed itself, the more the longer
+CHANGED_S = 0.5  # what was not seen for longer has changed itself, the more the longer
 _LARGEST = 1.0  # surprise, boxes or logarithm of a size; more is another object
 
 
@@ -62,7 +62,7 @@ class Steadying:
         share = self._noise() - correction.gains
         np.maximum(share, 0.0, out=share)
         share *= min(1.0, self.pairs / _CONVINCING)
-        share *= (_CHANGED_S / np.maximum(unseen_s, _CHANGED_S)) ** 2
+        share *= (CHANGED_S / np.maximum(unseen_s, CHANGED_S)) ** 2
         count = len(states)
         way = correction.surprise.reshape(2, 2, count) * share[:, np.newaxis]
         moved = states.T - way.reshape(4, count)
