@@ -337,6 +337,5 @@ def test_appearance_helps_public_detections_at_a_low_frame_rate(data_folder: Pat
     for name, more in (("boxes", ()), ("described", ("-m", "street"))):
         done(*source, *more, "--trackers", "lookonce-default", "-o", tmp_path / name)
         found[name] = figures(tmp_path / name / "results.json", "lookonce-default", 8)
-    assert found["boxes"]["idf1"] < 0.5
-    assert found["described"]["idf1"] > 0.65
-    assert found["described"]["recall"] > found["boxes"]["recall"]
+    assert found["boxes"]["idf1"] > 0.45
+    assert found["described"]["idf1"] > max(0.65, found["boxes"]["idf1"] + 0.1)

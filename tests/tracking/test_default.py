@@ -128,6 +128,32 @@ def test_appearance_alone_cannot_make_an_object_jump_across_the_picture():
     assert _ids([seen(LEFT, looks=[ONE])] * 3 + [seen((2000, 100), looks=[ONE])] * 2) == [[1]] * 3 + [[2]] * 2
 
 
+@pytest.mark.parametrize("step_s", [1.2, 2.0, 4.0])
+@pytest.mark.parametrize(("preset", "looks"), [(CONFIG, [ONE, OTHER]), (CONFIG, None), (BOXES, None)])
+def test_objects_are_followed_at_any_frame_rate(preset, looks, step_s):
+    """One walks half a box a second, another stands; the filters soon are wider than the crowd."""
+    places = [((100 + 20 * step_s * n, 100), (500, 300)) for n in range(6)]
+    frames = [seen(*two, looks=looks) for two in places]
+    assert _ids(frames, preset, [step_s * n for n in range(6)]) == [[1, 2]] * 6
+    if looks is None and step_s >= 2:
+        assert _last(frames, replace(preset, place_limit=10.0), [step_s * n for n in range(6)])[0] != 1
+
+
+def test_nobody_is_looked_for_farther_away_than_twelve_boxes():
+    """Even with the same look, and however wide the filter."""
+    config = replace(CONFIG, appearance_weight=6.0)
+    for way, found in ((450, 1), (500, NO_ID)):
+        frames = [seen((x, 100), looks=[ONE]) for x in (100, 100, 100 + way)]
+        assert _last(frames, config, [0.0, 0.1, 7.5]) == [found]
+
+
+def test_a_guess_without_descriptors_is_better_than_a_new_identity():
+    """A second after it was seen once, one box on."""
+    frames = [seen((x, 100)) for x in (100, 140)]
+    assert _ids(frames, BOXES, [0.0, 1.0]) == [[1], [1]]
+    assert _ids(frames, replace(BOXES, appearance_absent=0.0), [0.0, 1.0]) == [[NO_ID], [NO_ID]]
+
+
 def test_another_class_speaks_against_an_object():
     """Two neighbours of different classes, seen again after a gap in each other's place, without descriptors."""
     before, away = seen((100, 100), (112, 100), (900, 100), labels=[0, 1, 2]), seen((900, 100), labels=[2])

@@ -316,6 +316,18 @@ def test_weak_boxes_err_more(score, factor):
     np.testing.assert_allclose(scored.values, stated.values, rtol=1e-12)
 
 
+@pytest.mark.parametrize(("share", "factor"), [(1.0, 1.0), (0.5, 4.0), (0.25, 16.0)])
+def test_boxes_that_may_be_of_others_are_trusted_less(share, factor):
+    """As with noise that is as much larger."""
+    doubtful, stated = _begin(), _begin()
+    larger = {name: factor * getattr(CONFIG, name) for name in ("place_noise", "size_noise", "growth_noise")}
+    for motions in (doubtful, stated):
+        motions.predict_(0.1, STILL, CONFIG)
+    doubtful.correct_(ONE, _states(110, 40, 50), EVEN, replace(CONFIG, doubt=2.0), np.array([share]))
+    stated.correct_(ONE, _states(110, 40, 50), EVEN, replace(CONFIG, **larger))
+    np.testing.assert_allclose(doubtful.values, stated.values, rtol=1e-12)
+
+
 def test_noise_of_scores_has_a_bound():
     with pytest.raises(ConfigError, match="score_noise=2: expected below 2"):
         MotionConfig(score_noise=2)

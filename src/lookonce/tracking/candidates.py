@@ -17,12 +17,17 @@ from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import near_pairs
 
-__all__ = ["LARGEST_DEVIATION", "Frame", "Pairs", "best_first", "find_pairs"]
+__all__ = ["LARGEST_DEVIATION", "TOUCHING", "Frame", "Pairs", "best_first", "find_pairs"]
 
 LARGEST_DEVIATION = 4.0
 """Standard deviations: pairs farther apart are not looked at."""
 
-_TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below 0.1
+TOUCHING = 0.1
+"""Overlap from which an object and a detection of another are near enough to be mistaken."""
+
+_FARTHEST = 12.0  # boxes: farther away nobody is looked for, however long ago it was seen
+
+_TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below TOUCHING
 _WORST_SIZE = -4.0  # a part of an object that is seen alone must not end it
 
 
@@ -87,6 +92,12 @@ class Pairs:
     boxes: NDArray[np.float64]
     is_taken: NDArray[np.bool_]
 
+    def are_left(self, frame: Frame, chosen: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """(C,) bool: those of the chosen pairs of which neither the object nor the row of ``frame`` has been taken."""
+        are_left: NDArray[np.bool_] = frame.object_of[self.rows[chosen]] < 0
+        are_left &= ~self.is_taken[self.objects[chosen]]
+        return are_left
+
 
 def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, config: DefaultConfig) -> Pairs:
     """Pairs within reach. Gains are logarithms of likelihood ratios: this object against one anywhere in the crowd.
@@ -103,7 +114,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     noise = (config.motion.place_noise * height) ** 2
     variance = objects.motions.place_variance + noise
     area = (config.crowd_box * height) ** 2 / (2 * math.pi)
-    certainty = np.log(area / variance)
+    certainty = np.maximum(np.log(area / variance), -config.place_limit)
     may_jump = objects.hits == 1
     has_jumpers = config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0
     fast = variance, certainty
@@ -112,9 +123,11 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
         fast_variance = np.where(may_jump, widened, variance)
         fast = fast_variance, np.log(area / fast_variance)
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
-    best = np.maximum(fast[1] + config.appearance_limit, 0.0)
-    reach = np.minimum(LARGEST_DEVIATION, np.sqrt(2.0 * best)) * np.sqrt(fast[0])
-    reach = np.maximum(reach, _TOUCHING_REACH * np.maximum(width, height))
+    best_look = config.appearance_absent if frame.looks is None else config.best_look
+    reach = _reach(variance, certainty + best_look)
+    if has_jumpers:
+        reach = np.maximum(reach, _reach(fast[0], fast[1] + best_look))
+    reach = np.maximum(np.minimum(reach, _FARTHEST * height), _TOUCHING_REACH * np.maximum(width, height))
     of_object, rows = _near_rows(objects.motions.place, reach, frame)
     apart = frame.states.T.take(rows, axis=1)
     apart -= values[:4].take(of_object, axis=1)
@@ -138,6 +151,11 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     boxes = boxes_around(values[:2], size).T
     overlap = iou_of_pairs(boxes.take(of_object, axis=1).T, frame.xyxy.T.take(rows, axis=1).T)
     return Pairs(of_object, rows, gains, overlap, deviation, is_jump, boxes, np.zeros(len(width), np.bool_))
+
+
+def _reach(variance: NDArray[np.float64], best: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P,) px, how far out a pair can gain anything, where it gains ``best`` (P,) at the expected place."""
+    return np.minimum(LARGEST_DEVIATION, np.sqrt(2.0 * np.maximum(best, 0.0))) * np.sqrt(variance)
 
 
 def _near_rows(

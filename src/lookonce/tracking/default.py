@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from lookonce.distances import Quantized, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, Filled, GivenBack, Tracks
-from lookonce.tracking.candidates import Frame, Pairs, best_first, find_pairs
+from lookonce.tracking.candidates import TOUCHING, Frame, Pairs, best_first, find_pairs
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.doubt import clean_rows, own_shares
 from lookonce.tracking.explaining import Notes, tell
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
@@ -33,7 +34,6 @@ __all__ = ["DefaultRule"]
 _LEAST_STEP_S = 1e-3
 _BORDERS = 10  # objects: where so many have been says where the picture ends
 _MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
-_TOUCHING = 0.1  # overlap from which a second candidate makes a pair ambiguous
 
 
 class DefaultRule:
@@ -92,12 +92,14 @@ class DefaultRule:
         pairs = find_pairs(self.objects, unseen_s, frame, self.config)
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         self._match_all(frame, pairs)
-        is_clean = self._clean_rows(frame, pairs, unseen_s)
+        is_known = self.objects.ids != NO_ID
+        is_clean = clean_rows(frame, pairs, is_known & (unseen_s < self.config.hidden_s), self.config)
         notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
-        filled = self._see(frame, rows, seen, unseen_s)
+        shares = own_shares(frame, pairs, is_known & self._is_recent)
+        filled = self._see(frame, rows, seen, unseen_s, None if shares is None else shares[rows])
         self.own_boxes.end_frame(self._frame_number, self.now_s)
         ids, labels, given_back = self._answer(frame, rows, seen)
         unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
@@ -124,14 +126,16 @@ class DefaultRule:
         if frame.looks is not None:
             distances = self.looks.distances(objects.slots[pairs.objects], frame.looks, pairs.rows)
             gains = gains + self._likeness(distances)
+        else:
+            gains = gains + self.config.appearance_absent
         return Notes(frame, pairs, distances, gains, objects.ids.copy(), objects.serials, unseen_s, step_s)
 
     def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What distances of descriptors add to the gains; nothing where there is none."""
+        """What distances of descriptors add to the gains."""
         limit = self.config.appearance_limit
         likeness = self.config.appearance_weight * (self.config.match_threshold - distance)
         likeness = np.minimum(np.maximum(likeness, -limit), limit)
-        likeness[distance == np.inf] = 0.0
+        likeness[distance == np.inf] = self.config.appearance_absent
         return likeness
 
     def _advance(self, time_s: float | None) -> float:
@@ -217,13 +221,13 @@ class DefaultRule:
         """First the rows of high score and the confirmed objects, then the weaker rows, then the other objects."""
         is_known, is_high = self.objects.ids != NO_ID, frame.is_high[pairs.rows]
         self._match(frame, pairs, (is_known[pairs.objects] & is_high).nonzero()[0])
-        left = _are_left(frame, pairs, pairs.objects, pairs.rows).nonzero()[0]
+        left = pairs.are_left(frame, np.arange(len(pairs.rows))).nonzero()[0]
         if not len(left):
             return
         objects, is_near = pairs.objects[left], pairs.overlap[left] >= self.config.low_overlap
         self._match(frame, pairs, left[is_near & (is_known & self._is_recent)[objects]])
         left = left[~is_known[objects] & (is_near | is_high[left])]
-        self._match(frame, pairs, left[_are_left(frame, pairs, pairs.objects[left], pairs.rows[left])])
+        self._match(frame, pairs, left[pairs.are_left(frame, left)])
 
     def _match(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> None:
         """Give rows the best of the objects that may take them; of the chosen pairs neither side is taken."""
@@ -232,7 +236,7 @@ class DefaultRule:
         safe = self._safe(frame, pairs, chosen)
         if len(safe):
             self._take(frame, pairs, safe)
-            chosen = chosen[_are_left(frame, pairs, pairs.objects[chosen], pairs.rows[chosen])]
+            chosen = chosen[pairs.are_left(frame, chosen)]
         chosen, gains = self._likely(frame, pairs, chosen)
         if len(chosen):
             self._take(frame, pairs, chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains)])
@@ -249,7 +253,7 @@ class DefaultRule:
         safe = chosen[overlap >= self.config.safe_overlap]
         if not len(safe):
             return safe
-        touching = chosen[overlap > _TOUCHING]
+        touching = chosen[overlap > TOUCHING]
         objects, rows = pairs.objects[safe], pairs.rows[safe]
         rivals = np.bincount(pairs.objects[touching], minlength=len(self.objects))[objects]
         rivals += np.bincount(pairs.rows[touching], minlength=len(frame.scores))[rows]
@@ -261,37 +265,34 @@ class DefaultRule:
         self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
         """Of the chosen pairs, none of them safe, those of positive gain with appearance, and what they gain."""
-        gains, limit = pairs.gains[chosen], 0.0 if frame.looks is None else self.config.appearance_limit
-        possible = (gains > -limit).nonzero()[0]
+        gains = pairs.gains[chosen]
+        if frame.looks is None:
+            gains += self.config.appearance_absent
+            positive = (gains > 0).nonzero()[0]
+            return chosen[positive], gains[positive]
+        possible = (gains > -self.config.best_look).nonzero()[0]
         chosen, gains = chosen[possible], gains[possible]
-        if frame.looks is None or not len(chosen):
+        if not len(chosen):
             return chosen, gains
         objects, rows = pairs.objects[chosen], pairs.rows[chosen]
         rivals = np.bincount(objects)[objects] + np.bincount(rows)[rows]
-        asked = ((rivals > 2) | (gains <= limit)).nonzero()[0]  # the others are certain, whatever the look
+        asked = ((rivals > 2) | (gains <= self.config.appearance_limit)).nonzero()[
+            0
+        ]  # the others are certain, whatever the look
         distances = self.looks.distances(self.objects.slots[objects[asked]], frame.looks, rows[asked])
         gains[asked] += self._likeness(distances)
         positive = (gains > 0).nonzero()[0]
         return chosen[positive], gains[positive]
 
-    def _clean_rows(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(N,) bool: rows whose descriptor may be kept: sure of itself, and nothing else in the box."""
-        is_clean = frame.is_high.copy()
-        crowded = frame.overlaps.above(self.config.clean_overlap)
-        if len(crowded.a):
-            both_high = frame.is_high[crowded.a] & frame.is_high[crowded.b]
-            is_clean[crowded.a[both_high]] = False
-            is_clean[crowded.b[both_high]] = False
-        is_hidden = (self.objects.ids != NO_ID) & ~pairs.is_taken
-        is_hidden &= unseen_s < self.config.hidden_s
-        covers = is_hidden[pairs.objects] & (pairs.overlap > self.config.hidden_overlap)
-        is_clean[pairs.rows[covers]] = False
-        return is_clean
-
     def _see(
-        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], unseen_s: NDArray[np.float64]
+        self,
+        frame: Frame,
+        rows: NDArray[np.intp],
+        seen: NDArray[np.int64],
+        unseen_s: NDArray[np.float64],
+        shares: NDArray[np.float64] | None,
     ) -> Filled:
-        """What the matched rows (M,) say about their objects ``seen`` (M,), of all (P,) that were not for so long."""
+        """What the matched rows (M,), of such ``shares`` (M,), say about their objects ``seen`` (M,), of all (P,)."""
         if not len(rows):
             return Filled.nothing()
         objects = self.objects
@@ -302,7 +303,7 @@ class DefaultRule:
         states = frame.states.T.take(rows, axis=1).T
         sightings = Sightings(rows, seen, states, objects.seen_s[seen], objects.last.take(seen, axis=1))
         labels, scores = frame.labels[rows], frame.scores[rows]
-        correction = objects.motions.correct_(seen, states, scores, self.config.motion)
+        correction = objects.motions.correct_(seen, states, scores, self.config.motion, shares)
         boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.now_s)
         objects.see_(seen, labels, scores, self.now_s, self.config.evidence, self.moving)
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
@@ -390,10 +391,3 @@ class DefaultRule:
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
             self._wait(serial, row, frame)
         return rows
-
-
-def _are_left(frame: Frame, pairs: Pairs, objects: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(K,) bool: pairs of objects (K,) and rows (K,) of which neither has been taken."""
-    are_left: NDArray[np.bool_] = frame.object_of[rows] < 0
-    are_left &= ~pairs.is_taken[objects]
-    return are_left

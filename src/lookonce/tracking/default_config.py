@@ -27,6 +27,8 @@ class DefaultConfig:
             file that carries a calibrated value overrides it.
         appearance_weight: how much the logarithm of the likelihood ratio changes by one unit of distance.
         appearance_limit: its largest value, for and against.
+        appearance_absent: and its value where there are no two descriptors to compare: with nothing to say who it is, a
+            likely guess is better than a new identity.
         low_score: rows below are not looked at, 0 to 1.
         birth_score: rows from here on may be new objects.
         high_score: rows from here on may continue an object wherever it may be; lower ones only where they overlap it.
@@ -37,6 +39,8 @@ class DefaultConfig:
         same_overlap: of two boxes of a frame that overlap more, the one of lower score is left out.
         duplicate_overlap: a box that overlaps a known object's more makes no new object.
         crowd_box: the place of a detection speaks for an object as against one elsewhere in a square of so many boxes.
+        place_limit: but however wide the filter, at the expected place it speaks against it by so much at most, as a
+            logarithm: the object could be anywhere, and so could the others.
         class_penalty: what another class takes from the logarithm of the likelihood ratio.
         memory_s: an object is kept so long after it was last seen, s.
         tentative_s: one that is not confirmed, s; at least for one frame.
@@ -60,6 +64,7 @@ class DefaultConfig:
     match_threshold: float = 0.7
     appearance_weight: float = 7.0
     appearance_limit: float = 4.0
+    appearance_absent: float = 1.5
     low_score: float = 0.1
     birth_score: float = 0.2
     high_score: float = 0.4
@@ -69,6 +74,7 @@ class DefaultConfig:
     same_overlap: float = 0.6
     duplicate_overlap: float = 0.3
     crowd_box: float = 4.0
+    place_limit: float = 1.4
     class_penalty: float = 3.0
     memory_s: float = 8.0
     tentative_s: float = 0.5
@@ -93,7 +99,12 @@ class DefaultConfig:
         if self.views > _MOST_VIEWS:
             raise ConfigError(f"views={self.views}: expected at most {_MOST_VIEWS}")
 
+    @property
+    def best_look(self) -> float:
+        """The most that appearance adds to the logarithm of the likelihood ratio."""
+        return max(self.appearance_limit, self.appearance_absent)
+
 
 def iou_config() -> DefaultConfig:
-    """Settings of the preset ``iou``: overlap and motion only, and the size counts for more."""
-    return DefaultConfig(appearance=False, motion=MotionConfig(size_noise=0.3))
+    """Settings of the preset ``iou``: overlap and motion only."""
+    return DefaultConfig(appearance=False)

@@ -50,6 +50,8 @@ class MotionConfig:
         size_noise: of the logarithm of a detection's width and height.
         score_noise: weak boxes err more: where a detection of score s corrects a filter, all noise is
             ``1 + score_noise (0.5 - s)`` times as large, below 2 (after Du and others, "GIAOTracker", 2021).
+        doubt: a detection near others errs more: where it shows its object with a share of only p of what it may be
+            (``lookonce.tracking.doubt``), all noise is ``1 / p^doubt`` times as large.
         acceleration: spectral density of the acceleration of an object at rest, boxes / s^1.5.
         acceleration_share: the same for a moving one, as a share of its speed, 1 / s^0.5.
         new_speed: standard deviation of the speed of an object seen once, and its bound later, boxes / s.
@@ -65,6 +67,7 @@ class MotionConfig:
     place_noise: float = 0.12
     size_noise: float = 0.4
     score_noise: float = 0.6
+    doubt: float = 2.0
     acceleration: float = 0.25
     acceleration_share: float = 0.25
     new_speed: float = 2.0
@@ -231,7 +234,9 @@ class Motions:
         nearer *= nearer
         velocity *= nearer
 
-    def correct_(self, objects: NDArray[np.intp], states: _F, scores: _F, config: MotionConfig) -> Correction:
+    def correct_(
+        self, objects: NDArray[np.intp], states: _F, scores: _F, config: MotionConfig, shares: _F | None = None
+    ) -> Correction:
         """Changes the filters of ``objects`` (M,) by what was seen of them, and says how.
 
         Args:
@@ -239,11 +244,14 @@ class Motions:
             states: (M, 4) ``box_states`` of the detections.
             scores: (M,) of them.
             config: the settings.
+            shares: (M,) of what each may be, that of its own object; None: all are certain.
         """
         values, seen = self.values.take(objects, axis=1), states.T
         variance, covariance, size_variance = values[6:8], values[8:10], values[12]
         noise = 1.0 + config.score_noise * (0.5 - scores)
         np.maximum(noise, 1.0 - 0.5 * config.score_noise, out=noise)  # as of score 1, whatever is above
+        if shares is not None:
+            noise /= shares**config.doubt
         noise *= noise
         total = variance.copy()
         total[0] += (config.place_noise * np.exp(seen[3])) ** 2 * noise
