@@ -86,7 +86,7 @@ def _passing(seed):
     for number in range(30):
         one, other = 100 + speed * (number - 15), 100
         places = [one, other] if abs(one - other) >= 22 else [(one + other) / 2]
-        frames.append(seen(*[(x, 100) + rng.normal(0, 2, 2) for x in places]))
+        frames.append(seen(*[(x + rng.normal(0, 2), 100 + rng.normal(0, 2)) for x in places]))
     return frames
 
 
