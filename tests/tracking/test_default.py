@@ -139,6 +139,17 @@ def test_objects_are_followed_at_any_frame_rate(preset, looks, step_s):
         assert _last(frames, replace(preset, place_limit=10.0), [step_s * n for n in range(6)])[0] != 1
 
 
+@pytest.mark.parametrize("size", [(20, 40), (40, 20), (100, 12), (12, 100)])
+def test_objects_of_any_shape_are_followed(size):
+    """Boxes that err by a tenth of their width and height, ten frames a second: people, cars, fish."""
+    rng, frames = np.random.default_rng(0), []
+    for number in range(40):
+        places = [(100 + 0.05 * max(size) * number, 100), (100, 600), (900 - 0.1 * max(size) * number, 300)]
+        frames.append(seen(*(np.array(places) + rng.normal(0, 0.1, (3, 2)) * size), size=size))
+    answers = _ids(frames, BOXES, [number / 10 for number in range(40)])
+    assert answers == [[1, 2, 3]] * 40
+
+
 def test_nobody_is_looked_for_farther_away_than_twelve_boxes():
     """Even with the same look, and however wide the filter."""
     config = replace(CONFIG, appearance_weight=6.0)

@@ -316,6 +316,19 @@ def test_weak_boxes_err_more(score, factor):
     np.testing.assert_allclose(scored.values, stated.values, rtol=1e-12)
 
 
+def test_a_wide_box_moves_as_a_tall_one():
+    """Noise goes by the longer side, whichever it is."""
+    tall, wide = (Motions.begin(np.array([[0, 0, *np.log(size)]]), CONFIG) for size in ((20, 40), (40, 20)))
+    for motions, size in ((tall, (20, 40)), (wide, (40, 20))):
+        motions.predict_(0.3, STILL, CONFIG)
+        motions.correct_(ONE, np.array([[5, 3, *np.log(size)]]), EVEN, CONFIG)
+        motions.predict_(2.0, ~STILL, CONFIG)
+        motions.widen_(ONE, np.full(1, 0.5), CONFIG)
+    places = [0, 1, *range(4, 15)]
+    np.testing.assert_array_equal(tall.values[places], wide.values[places])
+    np.testing.assert_array_equal(tall.widened(np.full(1, 0.5), CONFIG), wide.widened(np.full(1, 0.5), CONFIG))
+
+
 @pytest.mark.parametrize(("share", "factor"), [(1.0, 1.0), (0.5, 4.0), (0.25, 16.0)])
 def test_boxes_that_may_be_of_others_are_trusted_less(share, factor):
     """As with noise that is as much larger."""

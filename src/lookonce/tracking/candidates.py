@@ -110,10 +110,10 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     """
     values = objects.motions.values
     size = np.exp(values[2:4])
-    width, height = size[0], size[1]
-    noise = (config.motion.place_noise * height) ** 2
+    side = np.maximum(size[0], size[1])
+    noise = (config.motion.place_noise * side) ** 2
     variance = objects.motions.place_variance + noise
-    area = (config.crowd_box * height) ** 2 / (2 * math.pi)
+    area = (config.crowd_box * side) ** 2 / (2 * math.pi)
     certainty = np.maximum(np.log(area / variance), -config.place_limit)
     may_jump = objects.hits == 1
     has_jumpers = config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0
@@ -127,7 +127,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     reach = _reach(variance, certainty + best_look)
     if has_jumpers:
         reach = np.maximum(reach, _reach(fast[0], fast[1] + best_look))
-    reach = np.maximum(np.minimum(reach, _FARTHEST * height), _TOUCHING_REACH * np.maximum(width, height))
+    reach = np.maximum(np.minimum(reach, _FARTHEST * side), _TOUCHING_REACH * side)
     of_object, rows = _near_rows(objects.motions.place, reach, frame)
     apart = frame.states.T.take(rows, axis=1)
     apart -= values[:4].take(of_object, axis=1)
@@ -150,7 +150,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
         gains[others] -= config.class_penalty
     boxes = boxes_around(values[:2], size).T
     overlap = iou_of_pairs(boxes.take(of_object, axis=1).T, frame.xyxy.T.take(rows, axis=1).T)
-    return Pairs(of_object, rows, gains, overlap, deviation, is_jump, boxes, np.zeros(len(width), np.bool_))
+    return Pairs(of_object, rows, gains, overlap, deviation, is_jump, boxes, np.zeros(len(side), np.bool_))
 
 
 def _reach(variance: NDArray[np.float64], best: NDArray[np.float64]) -> NDArray[np.float64]:

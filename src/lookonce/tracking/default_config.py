@@ -16,10 +16,10 @@ _MOST_VIEWS = 32  # each takes a kilobyte of every object at 128 values
 
 @dataclass(frozen=True, slots=True)
 class DefaultConfig:
-    """Settings of the preset ``default``; the preset ``iou`` is nearly the same, with ``appearance`` off.
+    """Settings of the preset ``default``; the preset ``iou`` is the same with ``appearance`` off.
 
     One set for all scenes, found on PETS09-S2L1, a highway clip and rendered scenes at one to eight frames' distance;
-    wide ranges of each give nearly the same (`docs/log.md`). "box" is the height of an object's box.
+    wide ranges of each give nearly the same (`docs/log.md`). "box" is the longer side of an object's box.
 
     Attributes:
         appearance: whether descriptors are used.

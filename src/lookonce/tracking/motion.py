@@ -1,10 +1,10 @@
 """Constant-velocity Kalman filters for many objects at once, in seconds.
 
 Each object's centre has two independent filters of the same noise, x and y (state: place and velocity), and its width
-and height, as logarithms, a scalar filter of a random walk. Noise is stated in box heights, so that it holds near and
-far; what is unseen slows down. With white acceleration of density q² the exact covariance of the step dt is
-``[[dt³/3, dt²/2], [dt²/2, dt]] q²`` (Bar-Shalom, Li and Kirubarajan, "Estimation with applications to tracking and
-navigation", 6.2.2).
+and height, as logarithms, a scalar filter of a random walk. Noise is stated in longer sides of the box, so that it
+holds near and far, for people and for trains; what is unseen slows down. With white acceleration of density q² the
+exact covariance of the step dt is ``[[dt³/3, dt²/2], [dt²/2, dt]] q²`` (Bar-Shalom, Li and Kirubarajan, "Estimation
+with applications to tracking and navigation", 6.2.2).
 
 What comes nearer grows and speeds up. A filter of the size's logarithm tells how fast; its state is the level, which
 is the mean over width and height, and the growth g, 1/s. A point ``p = f X / Z`` that moves with constant speed in
@@ -34,6 +34,7 @@ __all__ = [
     "Motions",
     "box_states",
     "boxes_around",
+    "log_sides",
     "moved",
     "squared_lengths",
 ]
@@ -43,7 +44,7 @@ _F = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class MotionConfig:
-    """How objects move and how boxes err; "box" means the height of the object's box.
+    """How objects move and how boxes err; "box" means the longer side of the object's box.
 
     Attributes:
         place_noise: standard deviation of a detection's centre, boxes.
@@ -167,9 +168,9 @@ class Motions:
         """Filters of objects seen once, from ``box_states`` (P, 4)."""
         values = np.zeros((MOTION_ROWS, len(states)))
         values[:4] = states.T
-        height = np.exp(values[3])
-        values[6], values[7] = (config.place_noise * height) ** 2, config.growth_noise**2
-        values[10], values[11] = (config.new_speed * height) ** 2, config.growth**2
+        side = np.exp(log_sides(values))
+        values[6], values[7] = (config.place_noise * side) ** 2, config.growth_noise**2
+        values[10], values[11] = (config.new_speed * side) ** 2, config.growth**2
         values[12] = config.size_noise**2
         values[14] = _levels(values)
         return cls(values)
@@ -185,9 +186,9 @@ class Motions:
     def predict_(self, step_s: float, is_unseen: NDArray[np.bool_], config: MotionConfig) -> None:
         """Changes the filters to what is to be expected ``step_s`` later; ``is_unseen`` (P,) before the step."""
         values, velocity = self.values, self.values[4:6]
-        squared_height = np.exp(2 * values[3])
-        noise = np.empty((2, len(squared_height)))
-        np.multiply(squared_height, config.acceleration**2, out=noise[0])
+        squared_side = np.exp(2 * log_sides(values))
+        noise = np.empty((2, len(squared_side)))
+        np.multiply(squared_side, config.acceleration**2, out=noise[0])
         noise[0] += (config.acceleration_share**2) * squared_lengths(velocity.T)
         noise[1] = config.growth_drift**2
         self._move_(step_s)
@@ -205,7 +206,7 @@ class Motions:
         noise *= step_s
         rate_variance += noise
         most = np.empty_like(noise)
-        np.multiply(squared_height, config.new_speed**2, out=most[0])
+        np.multiply(squared_side, config.new_speed**2, out=most[0])
         most[1] = config.growth**2
         beyond = (rate_variance > most).ravel().nonzero()[0]
         if len(beyond):  # the covariance goes with it, or the matrix would not be one of a distribution any more
@@ -254,7 +255,7 @@ class Motions:
             noise /= shares**config.doubt
         noise *= noise
         total = variance.copy()
-        total[0] += (config.place_noise * np.exp(seen[3])) ** 2 * noise
+        total[0] += (config.place_noise * np.exp(log_sides(seen))) ** 2 * noise
         total[1] += config.growth_noise**2 * noise
         gain, rate_gain = variance / total, covariance / total
         size_gain = size_variance / (size_variance + config.size_noise**2 * noise)
@@ -277,12 +278,12 @@ class Motions:
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
         """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""
         more = config.jump_speed**2 - config.new_speed**2
-        widened: _F = self.place_variance + more * (elapsed_s**2 * np.exp(2 * self.values[3]))
+        widened: _F = self.place_variance + more * (elapsed_s**2 * np.exp(2 * log_sides(self.values)))
         return widened
 
     def widen_(self, objects: NDArray[np.intp], elapsed_s: _F, config: MotionConfig) -> None:
         """Changes the filters of ``objects`` (M,), seen once, ``elapsed_s`` (M,) ago, to those of fast ones."""
-        more = (config.jump_speed**2 - config.new_speed**2) * np.exp(2 * self.values[3, objects])
+        more = (config.jump_speed**2 - config.new_speed**2) * np.exp(2 * log_sides(self.values[:, objects]))
         self.place_variance[objects] += more * elapsed_s**2
         self.covariance[objects] += more * elapsed_s
         self.velocity_variance[objects] += more
@@ -302,6 +303,12 @@ class Motions:
     def boxes(self) -> _F:
         """(P, 4) float64 xyxy where the objects are believed to be."""
         return boxes_around(self.values[:2], np.exp(self.values[2:4]))
+
+
+def log_sides(states: _F) -> _F:
+    """(P,) logarithms of the longer sides of ``states`` (4 or more, P)."""
+    sides: _F = np.maximum(states[2], states[3])
+    return sides
 
 
 def _levels(states: _F) -> _F:

@@ -11,7 +11,7 @@ from lookonce.structures import Filled
 from lookonce.tracking.candidates import Frame
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.filling import PassedFrames
-from lookonce.tracking.motion import Correction
+from lookonce.tracking.motion import Correction, log_sides
 from lookonce.tracking.objects import Objects
 from lookonce.tracking.steadying import CHANGED_S, Steadying, in_boxes
 
@@ -60,7 +60,7 @@ class OwnBoxes:
             boxes = self.steadying.boxes(correction, seen.states, now_s - seen.seen_s)
             frame.reported = frame.reported.copy()
             frame.reported[seen.rows] = boxes
-            surprise = in_boxes(correction.surprise, boxes.T[3] - boxes.T[1])
+            surprise = in_boxes(correction.surprise, np.exp(log_sides(seen.states.T)))
             is_early = now_s - seen.seen_s <= max(CHANGED_S, 1.01 * (now_s - self.last_s))
             again = (is_early & objects.is_real[seen.objects] & (seen.before[0] < np.inf)).nonzero()[0]
             self.steadying.learn(seen.before[:4].take(again, axis=1), surprise.take(again, axis=1))

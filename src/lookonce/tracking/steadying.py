@@ -89,10 +89,10 @@ class Steadying:
         self.pairs = kept * self.pairs + count
 
 
-def in_boxes(surprise: _F, height: _F) -> _F:
-    """Surprises (4, M) of boxes of ``height`` (M,) px in such heights and as logarithms, far ones cut."""
+def in_boxes(surprise: _F, side: _F) -> _F:
+    """Surprises (4, M) of boxes of such longer ``side`` (M,) px in these and as logarithms, far ones cut."""
     scaled = surprise.copy()
-    scaled[:2] /= height
+    scaled[:2] /= side
     np.maximum(scaled, -_LARGEST, out=scaled)
     np.minimum(scaled, _LARGEST, out=scaled)
     return scaled
