@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lookonce.structures import NO_ID
-from lookonce.tracking import DefaultConfig, EvidenceConfig, MotionConfig, Tracker
+from lookonce.tracking import DefaultConfig, EvidenceConfig, MotionConfig, Tracker, candidates
 from tracking.moving import STEP_S, ids_of, seen
 from tracking.scenes import at_angle
 
@@ -156,6 +156,18 @@ def test_nobody_is_looked_for_farther_away_than_twelve_boxes():
     for way, found in ((450, 1), (500, NO_ID)):
         frames = [seen((x, 100), looks=[ONE]) for x in (100, 100, 100 + way)]
         assert _last(frames, config, [0.0, 0.1, 7.5]) == [found]
+
+
+def test_in_a_crowd_without_end_only_boxes_that_overlap_are_looked_at(monkeypatch):
+    """200 stand and 200 walk on by two boxes in four seconds; the pairs in reach would be too many."""
+    grid = np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2) * 100.0
+    walks = np.arange(400) % 2 == 1
+    frames = [seen(*(grid + np.outer(walks, (80 * number, 0)))) for number in range(3)]
+    everybody = list(range(1, 401))
+    assert _last(frames, BOXES, [0.0, 4.0, 8.0]) == everybody
+    monkeypatch.setattr(candidates, "_MOST_PAIRS", 1000)
+    named = np.array(_last(frames, BOXES, [0.0, 4.0, 8.0])) != NO_ID
+    np.testing.assert_array_equal(named, ~walks)
 
 
 def test_a_guess_without_descriptors_is_better_than_a_new_identity():

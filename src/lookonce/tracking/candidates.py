@@ -15,7 +15,7 @@ from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.motion import boxes_around
 from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
-from lookonce.tracking.pairs import near_pairs
+from lookonce.tracking.pairs import TooManyPairsError, near_pairs
 
 __all__ = ["LARGEST_DEVIATION", "TOUCHING", "Frame", "Pairs", "best_first", "find_pairs"]
 
@@ -25,6 +25,7 @@ LARGEST_DEVIATION = 4.0
 TOUCHING = 0.1
 """Overlap from which an object and a detection of another are near enough to be mistaken."""
 
+_MOST_PAIRS = 2_000_000  # 400 for each of 5,000 objects; half a gigabyte
 _FARTHEST = 12.0  # boxes: farther away nobody is looked for, however long ago it was seen
 
 _TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below TOUCHING
@@ -127,8 +128,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     reach = _reach(variance, certainty + best_look)
     if has_jumpers:
         reach = np.maximum(reach, _reach(fast[0], fast[1] + best_look))
-    reach = np.maximum(np.minimum(reach, _FARTHEST * side), _TOUCHING_REACH * side)
-    of_object, rows = _near_rows(objects.motions.place, reach, frame)
+    of_object, rows = _near_rows(objects.motions.place, np.minimum(reach, _FARTHEST * side), side, frame)
     apart = frame.states.T.take(rows, axis=1)
     apart -= values[:4].take(of_object, axis=1)
     apart *= apart
@@ -159,15 +159,22 @@ def _reach(variance: NDArray[np.float64], best: NDArray[np.float64]) -> NDArray[
 
 
 def _near_rows(
-    place: NDArray[np.float64], reach: NDArray[np.float64], frame: Frame
+    place: NDArray[np.float64], reach: NDArray[np.float64], side: NDArray[np.float64], frame: Frame
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Objects and usable rows (K,) that are near each other; ``place`` (P, 2) and ``reach`` (P,) of the objects."""
+    """Objects and usable rows (K,) that are within reach or may overlap; of too many only those that may overlap.
+
+    ``place`` (P, 2), ``reach`` (P,) and longer ``side`` (P,) of the objects.
+    """
     usable = frame.is_usable.nonzero()[0]
-    points = frame.states.T[:2]
-    if len(usable) == len(frame.scores):
-        return near_pairs(place, reach, points.T)
-    of_object, rows = near_pairs(place, reach, points.take(usable, axis=1).T)
-    return of_object, usable[rows]
+    is_all = len(usable) == len(frame.scores)
+    columns = frame.states.T[:2]
+    points = columns.T if is_all else columns.take(usable, axis=1).T
+    touching = _TOUCHING_REACH * side
+    try:
+        of_object, rows = near_pairs(place, np.maximum(reach, touching), points, _MOST_PAIRS)
+    except TooManyPairsError:
+        of_object, rows = near_pairs(place, touching, points)
+    return of_object, rows if is_all else usable[rows]
 
 
 def _place_gains(
