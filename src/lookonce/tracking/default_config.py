@@ -73,7 +73,7 @@ class DefaultConfig:
     safe_overlap: float = 0.5
     same_overlap: float = 0.6
     duplicate_overlap: float = 0.3
-    crowd_box: float = 4.0
+    crowd_box: float = 3.5
     place_limit: float = 1.4
     class_penalty: float = 3.0
     memory_s: float = 8.0
