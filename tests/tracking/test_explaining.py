@@ -82,3 +82,14 @@ def test_explaining_changes_nothing_and_every_row_has_a_story() -> None:
 def test_the_preset_paper_cannot() -> None:
     with pytest.raises(ConfigError, match="paper"):
         Tracker("paper", explain=True)
+
+
+def test_a_box_that_may_be_of_another_is_told() -> None:
+    """Two meet, and one box is left between them."""
+    tracker = Tracker("iou", explain=True)
+    for number in range(5):
+        tracker.update(boxes((100 + number, 100, 0.9), (120 - number, 100, 0.9)), number / 10)
+    (row,) = tracker.update(boxes((110, 100, 0.9)), 0.5).story.rows
+    assert "by its place only 50% sure, so it moves the object less" in row.reason
+    (row,) = tracker.update(boxes((300, 100, 0.9)), 0.6).story.rows
+    assert "sure" not in row.reason

@@ -94,11 +94,11 @@ class DefaultRule:
         self._match_all(frame, pairs)
         is_known = self.objects.ids != NO_ID
         is_clean = clean_rows(frame, pairs, is_known & (unseen_s < self.config.hidden_s), self.config)
-        notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
         shares = own_shares(frame, pairs, is_known & self._is_recent)
+        notes = self._note(frame, pairs, shares, unseen_s, step_s) if self.explains else None
         filled = self._see(frame, rows, seen, unseen_s, None if shares is None else shares[rows])
         self.own_boxes.end_frame(self._frame_number, self.now_s)
         ids, labels, given_back = self._answer(frame, rows, seen)
@@ -120,7 +120,14 @@ class DefaultRule:
             story=None if notes is None else tell(notes, ids, new, tuple(self._ended), self.config),
         )
 
-    def _note(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float) -> Notes:
+    def _note(
+        self,
+        frame: Frame,
+        pairs: Pairs,
+        shares: NDArray[np.float64] | None,
+        unseen_s: NDArray[np.float64],
+        step_s: float,
+    ) -> Notes:
         """What the story of the frame needs, before anything changes."""
         objects, gains, distances = self.objects, pairs.gains, np.full(len(pairs.gains), np.nan)
         if frame.looks is not None:
@@ -128,7 +135,7 @@ class DefaultRule:
             gains = gains + self._likeness(distances)
         else:
             gains = gains + self.config.appearance_absent
-        return Notes(frame, pairs, distances, gains, objects.ids.copy(), objects.serials, unseen_s, step_s)
+        return Notes(frame, pairs, distances, gains, shares, objects.ids.copy(), objects.serials, unseen_s, step_s)
 
     def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What distances of descriptors add to the gains."""
