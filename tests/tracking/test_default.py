@@ -158,6 +158,52 @@ def test_nobody_is_looked_for_farther_away_than_twelve_boxes():
         assert _last(frames, config, [0.0, 0.1, 7.5]) == [found]
 
 
+def test_a_row_without_descriptor_is_matched_by_its_place_among_others_that_have_one():
+    """Two that were seen once, a second before and a box away; the first has no descriptor."""
+    frames = [seen((x, 100), (x, 500), looks=[[0, 0], ONE]) for x in (100, 140)]
+    assert _last(frames, CONFIG, [0.0, 1.0]) == [1, 2]
+    assert _last(frames, replace(CONFIG, appearance_absent=0.0), [0.0, 1.0]) == [NO_ID, 1]
+
+
+def test_what_a_missing_descriptor_is_worth_is_not_bounded_by_looks():
+    """Two seconds after it was seen once the place says no by more than 2."""
+    frames = [seen((x, 100), (500, 500), looks=[[0, 0], ONE]) for x in (100, 140)]
+    for absent, found in ((1.0, NO_ID), (5.0, 1)):
+        config = replace(CONFIG, place_limit=10.0, appearance_limit=1.0, appearance_absent=absent)
+        assert _last(frames, config, [0.0, 2.0])[0] == found
+
+
+def test_the_story_counts_what_a_missing_descriptor_is_worth():
+    gains = []
+    for absent in (0.5, 2.0):
+        tracker = Tracker(replace(BOXES, appearance_absent=absent), explain=True)
+        for number in range(2):
+            story = tracker.update(seen(LEFT), number * STEP_S).story
+        gains.append(story.rows[0].candidates[0].gain)
+    assert gains[1] - gains[0] == pytest.approx(1.5)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "config",
+    [
+        replace(BOXES, safe_overlap=0.0),
+        replace(CONFIG, appearance_weight=0.0),
+        replace(BOXES, motion=replace(CONFIG.motion, jump_speed=0.0)),
+        replace(BOXES, motion=replace(CONFIG.motion, doubt=20.0)),
+        replace(CONFIG, place_limit=0.0, appearance_absent=0.0),
+    ],
+)
+def test_settings_at_their_ends_are_no_error(config):
+    """A pile of boxes, of which half have a descriptor."""
+    rng, tracker = np.random.default_rng(0), Tracker(config)
+    looks = rng.normal(size=(30, 4)) * (np.arange(30) % 2)[:, np.newaxis]
+    for number in range(12):
+        places = rng.uniform(100, 160, (30, 2))
+        ids = tracker.update(seen(*places, looks=looks), number / 5).ids
+        assert len(set(ids[ids > 0])) == (ids > 0).sum()
+
+
 def test_in_a_crowd_without_end_only_boxes_that_overlap_are_looked_at(monkeypatch):
     """200 stand and 200 walk on by two boxes in four seconds; the pairs in reach would be too many."""
     grid = np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2) * 100.0

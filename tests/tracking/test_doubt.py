@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lookonce.structures import NO_ID
-from lookonce.tracking import DefaultConfig, MotionConfig
+from lookonce.tracking import DefaultConfig, MotionConfig, Tracker, default
 from lookonce.tracking.candidates import Frame, Pairs
 from lookonce.tracking.doubt import own_shares
 from lookonce.tracking.motion import box_states
@@ -97,3 +97,33 @@ def test_who_passes_another_keeps_its_identity_through_boxes_of_both():
         answers = [ids_of(_passing(seed), config, [number / 7 for number in range(30)]) for seed in range(60)]
         kept[doubt] = sum(ids[2] == ids[-1] == [1, 2] or ids[2] == ids[-1] == [2, 1] for ids in answers)
     assert kept[2.0] >= max(56, kept[0.0] + 3)
+
+
+def _after(*frames, preset=None):
+    """The filters of the first object after the frames, 0.1 s apart."""
+    tracker = Tracker(preset or DefaultConfig(appearance=False))
+    for number, frame in enumerate(frames):
+        tracker.update(frame, number / 10)
+    return tracker._rule.objects.motions.values[:, 0]
+
+
+def test_a_doubtful_box_moves_its_object_less_wherever_its_row_stands():
+    """Two meet; before the one box that is left lies a row that is too weak for anybody."""
+    meeting = [seen((100 + number, 100), (120 - number, 100)) for number in range(6)]
+    alone = _after(*meeting, seen((112, 100)))
+    led = _after(*meeting, seen((500, 100), (112, 100), scores=[0.05, 0.9]))
+    trusted = _after(*meeting, seen((112, 100)), preset=DefaultConfig(appearance=False, motion=MotionConfig(doubt=0.0)))
+    np.testing.assert_array_equal(led, alone)
+    assert not np.allclose(alone, trusted)
+
+
+def test_only_who_is_confirmed_and_was_seen_lately_casts_doubt(monkeypatch):
+    """Of four one is there, one not sure enough, one was last seen before two frames, one half a second ago."""
+    given = []
+    monkeypatch.setattr(default, "own_shares", lambda frame, pairs, may_be: given.append(may_be.tolist()))
+    config = DefaultConfig(appearance=False, recent_s=0.3)
+    places = (100, 100), (300, 100), (500, 100), (700, 100)
+    frames = [seen(*places, scores=[0.9, 0.3, 0.9, 0.9])] * 3
+    frames += [seen(*places[:3], scores=[0.9, 0.3, 0.9])] * 3 + [seen(*places[:2], scores=[0.9, 0.3])] * 2
+    _after(*frames, preset=config)
+    assert given[-1] == [True, True, False, False]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lookonce import ConfigError, Detections
-from lookonce.tracking import Tracker
+from lookonce.tracking import DefaultConfig, MotionConfig, Tracker, default
+from lookonce.tracking.doubt import own_shares
 from tracking.test_state import crowd
 
 
@@ -86,10 +90,30 @@ def test_the_preset_paper_cannot() -> None:
 
 def test_a_box_that_may_be_of_another_is_told() -> None:
     """Two meet, and one box is left between them."""
+    for doubt in (2.0, 0.0):
+        tracker = Tracker(DefaultConfig(appearance=False, motion=MotionConfig(doubt=doubt)), explain=True)
+        for number in range(5):
+            tracker.update(boxes((100 + number, 100, 0.9), (120 - number, 100, 0.9)), number / 10)
+        (row,) = tracker.update(boxes((110, 100, 0.9)), 0.5).story.rows
+        assert ("by its place only 50% sure, so it moves the object less" in row.reason) == (doubt > 0)
+
+
+@pytest.mark.parametrize(("apart", "least", "most", "told"), [(13, 0.9, 0.999, False), (9, 0.65, 0.85, True)])
+def test_only_doubts_that_matter_are_told(
+    monkeypatch: pytest.MonkeyPatch, apart: int, least: float, most: float, told: bool
+) -> None:
+    """Of two beside each other one is hidden, farther away or nearer."""
+    found: list[NDArray[np.float64]] = []
+
+    def spy(*given: Any) -> NDArray[np.float64] | None:
+        shares = own_shares(*given)
+        found.append(np.ones(1) if shares is None else shares)
+        return shares
+
+    monkeypatch.setattr(default, "own_shares", spy)
     tracker = Tracker("iou", explain=True)
-    for number in range(5):
-        tracker.update(boxes((100 + number, 100, 0.9), (120 - number, 100, 0.9)), number / 10)
-    (row,) = tracker.update(boxes((110, 100, 0.9)), 0.5).story.rows
-    assert "by its place only 50% sure, so it moves the object less" in row.reason
-    (row,) = tracker.update(boxes((300, 100, 0.9)), 0.6).story.rows
-    assert "sure" not in row.reason
+    for number in range(20):
+        tracker.update(boxes((100, 100, 0.9), (max(120 - 2 * number, 100 + apart), 100, 0.9)), number / 10)
+    (row,) = tracker.update(boxes((100, 100, 0.9)), 2.0).story.rows
+    assert least < found[-1][0] < most
+    assert ("sure" in row.reason) == told

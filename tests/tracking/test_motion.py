@@ -341,6 +341,11 @@ def test_boxes_that_may_be_of_others_are_trusted_less(share, factor):
     np.testing.assert_allclose(doubtful.values, stated.values, rtol=1e-12)
 
 
+def test_doubt_has_a_bound():
+    with pytest.raises(ConfigError, match="doubt=21: expected at most 20"):
+        MotionConfig(doubt=21)
+
+
 def test_noise_of_scores_has_a_bound():
     with pytest.raises(ConfigError, match="score_noise=2: expected below 2"):
         MotionConfig(score_noise=2)

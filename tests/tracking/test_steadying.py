@@ -11,7 +11,7 @@ from lookonce.structures import Detections
 from lookonce.tracking import DefaultConfig, Tracker
 from lookonce.tracking.motion import Correction, box_states
 from lookonce.tracking.steadying import Steadying, in_boxes
-from tracking.moving import STEP_S
+from tracking.moving import STEP_S, seen
 
 FRAMES, OBJECTS = 200, 8
 CONFIG = DefaultConfig(appearance=False)
@@ -147,3 +147,16 @@ def test_surprises_are_counted_in_boxes_and_far_ones_cut() -> None:
         np.array([[0.1, -0.2, 0.3, -0.2], [1, -1, 1, -1]])
     )
     assert surprise[0, 1] == 500
+
+
+def test_wide_boxes_tremble_as_tall_ones():
+    """The same stream lying on its side."""
+    noise, learnt = np.random.default_rng(0).normal(0, 2, (40, 2)), []
+    for axes in ([0, 1], [1, 0]):
+        tracker = Tracker("iou")
+        for number in range(40):
+            place = np.array([100 + 2 * number, 200]) + noise[number]
+            tracker.update(seen(place[axes], size=tuple(np.array([20, 80])[axes])), number / 10)
+        learnt.append(tracker._rule.own_boxes.steadying.state())
+    np.testing.assert_allclose(learnt[0], learnt[1], rtol=1e-9)
+    assert learnt[0][3] > 0

@@ -25,8 +25,8 @@ LARGEST_DEVIATION = 4.0
 TOUCHING = 0.1
 """Overlap from which an object and a detection of another are near enough to be mistaken."""
 
-_MOST_PAIRS = 2_000_000  # 400 for each of 5,000 objects; half a gigabyte
-_FARTHEST = 12.0  # boxes: farther away nobody is looked for, however long ago it was seen
+_MOST_PAIRS = 2_000_000  # about, and never more: half a gigabyte
+_FARTHEST = 12.0  # boxes, in x and in y: farther away nobody is looked for, however long ago it was seen
 
 _TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below TOUCHING
 _WORST_SIZE = -4.0  # a part of an object that is seen alone must not end it
@@ -48,6 +48,7 @@ class Frame:
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
         has_jumped: (N,) bool, whether the object turns out to be a fast one.
         reported: (N, 4) float32, the boxes to give out.
+        shares: (N,) float64 of the rows' own objects, as ``own_shares`` has them; None: all are certain.
     """
 
     xyxy: NDArray[np.float64]
@@ -61,6 +62,7 @@ class Frame:
     object_of: NDArray[np.int64]
     has_jumped: NDArray[np.bool_]
     reported: NDArray[np.float32]
+    shares: NDArray[np.float64] | None = None
 
 
 def best_first(

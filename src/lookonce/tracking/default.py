@@ -33,6 +33,7 @@ __all__ = ["DefaultRule"]
 
 _LEAST_STEP_S = 1e-3
 _BORDERS = 10  # objects: where so many have been says where the picture ends
+_FAR = 4.0  # distance, more than two descriptors can have
 _MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
 
 
@@ -97,9 +98,9 @@ class DefaultRule:
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
-        shares = own_shares(frame, pairs, is_known & self._is_recent)
-        notes = self._note(frame, pairs, shares, unseen_s, step_s) if self.explains else None
-        filled = self._see(frame, rows, seen, unseen_s, None if shares is None else shares[rows])
+        frame.shares = own_shares(frame, pairs, is_known & self._is_recent)
+        notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
+        filled = self._see(frame, rows, seen, unseen_s)
         self.own_boxes.end_frame(self._frame_number, self.now_s)
         ids, labels, given_back = self._answer(frame, rows, seen)
         unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
@@ -120,14 +121,7 @@ class DefaultRule:
             story=None if notes is None else tell(notes, ids, new, tuple(self._ended), self.config),
         )
 
-    def _note(
-        self,
-        frame: Frame,
-        pairs: Pairs,
-        shares: NDArray[np.float64] | None,
-        unseen_s: NDArray[np.float64],
-        step_s: float,
-    ) -> Notes:
+    def _note(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float) -> Notes:
         """What the story of the frame needs, before anything changes."""
         objects, gains, distances = self.objects, pairs.gains, np.full(len(pairs.gains), np.nan)
         if frame.looks is not None:
@@ -135,12 +129,12 @@ class DefaultRule:
             gains = gains + self._likeness(distances)
         else:
             gains = gains + self.config.appearance_absent
-        return Notes(frame, pairs, distances, gains, shares, objects.ids.copy(), objects.serials, unseen_s, step_s)
+        return Notes(frame, pairs, distances, gains, objects.ids.copy(), objects.serials, unseen_s, step_s)
 
     def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What distances of descriptors add to the gains."""
         limit = self.config.appearance_limit
-        likeness = self.config.appearance_weight * (self.config.match_threshold - distance)
+        likeness = self.config.appearance_weight * (self.config.match_threshold - np.minimum(distance, _FAR))
         likeness = np.minimum(np.maximum(likeness, -limit), limit)
         likeness[distance == np.inf] = self.config.appearance_absent
         return likeness
@@ -257,10 +251,11 @@ class DefaultRule:
     def _safe(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Of the chosen pairs those to take whatever the others are: boxes that overlap, and nobody else near."""
         overlap = pairs.overlap[chosen]
-        safe = chosen[overlap >= self.config.safe_overlap]
+        is_near = overlap >= self.config.safe_overlap
+        safe = chosen[is_near]
         if not len(safe):
             return safe
-        touching = chosen[overlap > TOUCHING]
+        touching = chosen[is_near | (overlap > TOUCHING)]
         objects, rows = pairs.objects[safe], pairs.rows[safe]
         rivals = np.bincount(pairs.objects[touching], minlength=len(self.objects))[objects]
         rivals += np.bincount(pairs.rows[touching], minlength=len(frame.scores))[rows]
@@ -292,14 +287,9 @@ class DefaultRule:
         return chosen[positive], gains[positive]
 
     def _see(
-        self,
-        frame: Frame,
-        rows: NDArray[np.intp],
-        seen: NDArray[np.int64],
-        unseen_s: NDArray[np.float64],
-        shares: NDArray[np.float64] | None,
+        self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64], unseen_s: NDArray[np.float64]
     ) -> Filled:
-        """What the matched rows (M,), of such ``shares`` (M,), say about their objects ``seen`` (M,), of all (P,)."""
+        """What the matched rows (M,) say about their objects ``seen`` (M,), of all (P,) that were not for so long."""
         if not len(rows):
             return Filled.nothing()
         objects = self.objects
@@ -310,6 +300,7 @@ class DefaultRule:
         states = frame.states.T.take(rows, axis=1).T
         sightings = Sightings(rows, seen, states, objects.seen_s[seen], objects.last.take(seen, axis=1))
         labels, scores = frame.labels[rows], frame.scores[rows]
+        shares = None if frame.shares is None else frame.shares[rows]
         correction = objects.motions.correct_(seen, states, scores, self.config.motion, shares)
         boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.now_s)
         objects.see_(seen, labels, scores, self.now_s, self.config.evidence, self.moving)

@@ -27,7 +27,6 @@ class Notes:
         frame, pairs: of the matching.
         distances: (K,) float64, of the descriptors; infinite where one has none, NaN without appearance.
         gains: (K,) float64, of the pairs, with appearance.
-        shares: (N,) float64 of the rows' own objects, as ``own_shares`` has them, or None.
         ids: (P,) int64, of the objects before the frame.
         serials: (P,) int64.
         unseen_s: (P,) float64, since when each had not been seen.
@@ -38,7 +37,6 @@ class Notes:
     pairs: Pairs
     distances: NDArray[np.float64]
     gains: NDArray[np.float64]
-    shares: NDArray[np.float64] | None
     ids: NDArray[np.int64]
     serials: NDArray[np.int64]
     unseen_s: NDArray[np.float64]
@@ -79,8 +77,9 @@ def _row(
     decision, reason = _decision(notes, row, taken, identity, is_new, config)
     if taken >= 0 and candidates:
         reason = f"{reason}: {_why(candidates, notes.gains[by_gain[0]], config)}"
-        if notes.shares is not None and notes.shares[row] < _SURE:
-            reason += f", by its place only {notes.shares[row]:.0%} sure, so it moves the object less"
+        shares = notes.frame.shares
+        if config.motion.doubt > 0 and shares is not None and shares[row] < _SURE:
+            reason += f", by its place only {shares[row]:.0%} sure, so it moves the object less"
     return RowStory(row, decision, reason, candidates)
 
 

@@ -41,6 +41,8 @@ __all__ = [
 
 _F = NDArray[np.float64]
 
+_MOST_DOUBT = 20.0  # with more, noise has no square any more where many stand in one place
+
 
 @dataclass(frozen=True, slots=True)
 class MotionConfig:
@@ -52,7 +54,7 @@ class MotionConfig:
         score_noise: weak boxes err more: where a detection of score s corrects a filter, all noise is
             ``1 + score_noise (0.5 - s)`` times as large, below 2 (after Du and others, "GIAOTracker", 2021).
         doubt: a detection near others errs more: where it shows its object with a share of only p of what it may be
-            (``lookonce.tracking.doubt``), all noise is ``1 / p^doubt`` times as large.
+            (``lookonce.tracking.doubt``), all noise is ``1 / p^doubt`` times as large; at most 20.
         acceleration: spectral density of the acceleration of an object at rest, boxes / s^1.5.
         acceleration_share: the same for a moving one, as a share of its speed, 1 / s^0.5.
         new_speed: standard deviation of the speed of an object seen once, and its bound later, boxes / s.
@@ -84,6 +86,8 @@ class MotionConfig:
         check_numbers(self, above_zero=("place_noise", "size_noise", "slow_down_s", "growth_noise"))
         if self.score_noise >= 2:
             raise ConfigError(f"score_noise={self.score_noise}: expected below 2")
+        if self.doubt > _MOST_DOUBT:
+            raise ConfigError(f"doubt={self.doubt}: expected at most {_MOST_DOUBT:g}")
 
 
 _LARGEST_SIZE_VARIANCE = 0.25  # a box half or twice as large, after any gap
@@ -277,13 +281,13 @@ class Motions:
 
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
         """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""
-        more = config.jump_speed**2 - config.new_speed**2
+        more = max(0.0, config.jump_speed**2 - config.new_speed**2)
         widened: _F = self.place_variance + more * (elapsed_s**2 * np.exp(2 * log_sides(self.values)))
         return widened
 
     def widen_(self, objects: NDArray[np.intp], elapsed_s: _F, config: MotionConfig) -> None:
         """Changes the filters of ``objects`` (M,), seen once, ``elapsed_s`` (M,) ago, to those of fast ones."""
-        more = (config.jump_speed**2 - config.new_speed**2) * np.exp(2 * log_sides(self.values[:, objects]))
+        more = max(0.0, config.jump_speed**2 - config.new_speed**2) * np.exp(2 * log_sides(self.values[:, objects]))
         self.place_variance[objects] += more * elapsed_s**2
         self.covariance[objects] += more * elapsed_s
         self.velocity_variance[objects] += more

@@ -27,7 +27,7 @@ from lookonce.tracking.waiting import WaitingRow
 
 __all__ = ["load_rule", "save_rule"]
 
-_FORMAT, _VERSION = "lookonce-tracker", 2
+_FORMAT, _VERSION = "lookonce-tracker", 3
 _MOST_BYTES = 4_000_000_000  # 300,000 objects of 128 values
 _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
