@@ -278,9 +278,8 @@ class DefaultRule:
             return chosen, gains
         objects, rows = pairs.objects[chosen], pairs.rows[chosen]
         rivals = np.bincount(objects)[objects] + np.bincount(rows)[rows]
-        asked = ((rivals > 2) | (gains <= self.config.appearance_limit)).nonzero()[
-            0
-        ]  # the others are certain, whatever the look
+        # Without rivals and with such a gain a pair is certain, whatever the look.
+        asked = ((rivals > 2) | (gains <= self.config.appearance_limit)).nonzero()[0]
         distances = self.looks.distances(self.objects.slots[objects[asked]], frame.looks, rows[asked])
         gains[asked] += self._likeness(distances)
         positive = (gains > 0).nonzero()[0]
