@@ -25,7 +25,7 @@ LARGEST_DEVIATION = 4.0
 TOUCHING = 0.1
 """Overlap from which an object and a detection of another are near enough to be mistaken."""
 
-_MOST_PAIRS = 2_000_000  # about, and never more: half a gigabyte
+_MOST_PAIRS = 2_000_000  # half a gigabyte
 _FARTHEST = 12.0  # boxes, in x and in y: farther away nobody is looked for, however long ago it was seen
 
 _TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below TOUCHING
@@ -95,10 +95,10 @@ class Pairs:
     boxes: NDArray[np.float64]
     is_taken: NDArray[np.bool_]
 
-    def are_left(self, frame: Frame, chosen: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(C,) bool: those of the chosen pairs of which neither the object nor the row of ``frame`` has been taken."""
-        are_left: NDArray[np.bool_] = frame.object_of[self.rows[chosen]] < 0
-        are_left &= ~self.is_taken[self.objects[chosen]]
+    def are_left(self, frame: Frame) -> NDArray[np.bool_]:
+        """(K,) bool: pairs of which neither the object nor the row of ``frame`` has been taken."""
+        are_left: NDArray[np.bool_] = frame.object_of[self.rows] < 0
+        are_left &= ~self.is_taken[self.objects]
         return are_left
 
 
@@ -118,18 +118,16 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     variance = objects.motions.place_variance + noise
     area = (config.crowd_box * side) ** 2 / (2 * math.pi)
     certainty = np.maximum(np.log(area / variance), -config.place_limit)
-    may_jump = objects.hits == 1
-    has_jumpers = config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0
-    fast = variance, certainty
-    if has_jumpers:
-        widened = objects.motions.widened(unseen_s, config.motion) + noise
-        fast_variance = np.where(may_jump, widened, variance)
-        fast = fast_variance, np.log(area / fast_variance)
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
     best_look = config.appearance_absent if frame.looks is None else config.best_look
     reach = _reach(variance, certainty + best_look)
+    may_jump = objects.hits == 1
+    has_jumpers = config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0
     if has_jumpers:
-        reach = np.maximum(reach, _reach(fast[0], fast[1] + best_look))
+        widened = objects.motions.widened(unseen_s, config.motion) + noise
+        fast_variance = np.where(may_jump, widened, variance)
+        fast_certainty = np.log(area / fast_variance)
+        reach = np.maximum(reach, _reach(fast_variance, fast_certainty + best_look))
     of_object, rows = _near_rows(objects.motions.place, np.minimum(reach, _FARTHEST * side), side, frame)
     apart = frame.states.T.take(rows, axis=1)
     apart -= values[:4].take(of_object, axis=1)
@@ -140,7 +138,7 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     if has_jumpers:
         maybe = may_jump[of_object].nonzero()[0]
         of_fast = of_object[maybe]
-        fast_gains, fast_deviation = _place_gains(squared[maybe], fast[0][of_fast], fast[1][of_fast])
+        fast_gains, fast_deviation = _place_gains(squared[maybe], fast_variance[of_fast], fast_certainty[of_fast])
         fast_gains += math.log(config.motion.jump_share)
         is_jump[maybe] = is_likelier = fast_gains > gains[maybe]
         jumps = maybe[is_likelier]

@@ -92,13 +92,14 @@ class DefaultRule:
         unseen_s = self.now_s - self.objects.seen_s
         pairs = find_pairs(self.objects, unseen_s, frame, self.config)
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
-        self._match_all(frame, pairs)
         is_known = self.objects.ids != NO_ID
+        self._match_all(frame, pairs, is_known)
         is_clean = clean_rows(frame, pairs, is_known & (unseen_s < self.config.hidden_s), self.config)
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
         slots = self.objects.slots[seen]
-        frame.shares = own_shares(frame, pairs, is_known & self._is_recent)
+        if self.config.motion.doubt > 0:
+            frame.shares = own_shares(frame, pairs, is_known & self._is_recent)
         notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
         filled = self._see(frame, rows, seen, unseen_s)
         self.own_boxes.end_frame(self._frame_number, self.now_s)
@@ -218,17 +219,17 @@ class DefaultRule:
         twins = overlaps.above(config.same_overlap)
         return overlaps, keep_best(twins, best_first(scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))
 
-    def _match_all(self, frame: Frame, pairs: Pairs) -> None:
-        """First the rows of high score and the confirmed objects, then the weaker rows, then the other objects."""
-        is_known, is_high = self.objects.ids != NO_ID, frame.is_high[pairs.rows]
+    def _match_all(self, frame: Frame, pairs: Pairs, is_known: NDArray[np.bool_]) -> None:
+        """First the rows of high score and the confirmed objects (P,), then the weaker rows, then the other objects."""
+        is_high = frame.is_high[pairs.rows]
         self._match(frame, pairs, (is_known[pairs.objects] & is_high).nonzero()[0])
-        left = pairs.are_left(frame, np.arange(len(pairs.rows))).nonzero()[0]
+        left = pairs.are_left(frame).nonzero()[0]
         if not len(left):
             return
         objects, is_near = pairs.objects[left], pairs.overlap[left] >= self.config.low_overlap
         self._match(frame, pairs, left[is_near & (is_known & self._is_recent)[objects]])
         left = left[~is_known[objects] & (is_near | is_high[left])]
-        self._match(frame, pairs, left[pairs.are_left(frame, left)])
+        self._match(frame, pairs, left[pairs.are_left(frame)[left]])
 
     def _match(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> None:
         """Give rows the best of the objects that may take them; of the chosen pairs neither side is taken."""
@@ -237,7 +238,7 @@ class DefaultRule:
         safe = self._safe(frame, pairs, chosen)
         if len(safe):
             self._take(frame, pairs, safe)
-            chosen = chosen[pairs.are_left(frame, chosen)]
+            chosen = chosen[pairs.are_left(frame)[chosen]]
         chosen, gains = self._likely(frame, pairs, chosen)
         if len(chosen):
             self._take(frame, pairs, chosen[assign_best(pairs.objects[chosen], pairs.rows[chosen], gains)])

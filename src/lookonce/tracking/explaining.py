@@ -78,7 +78,7 @@ def _row(
     if taken >= 0 and candidates:
         reason = f"{reason}: {_why(candidates, notes.gains[by_gain[0]], config)}"
         shares = notes.frame.shares
-        if config.motion.doubt > 0 and shares is not None and shares[row] < _SURE:
+        if shares is not None and shares[row] < _SURE:
             reason += f", by its place only {shares[row]:.0%} sure, so it moves the object less"
     return RowStory(row, decision, reason, candidates)
 

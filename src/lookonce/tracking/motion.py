@@ -281,13 +281,13 @@ class Motions:
 
     def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
         """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""
-        more = max(0.0, config.jump_speed**2 - config.new_speed**2)
-        widened: _F = self.place_variance + more * (elapsed_s**2 * np.exp(2 * log_sides(self.values)))
+        more = _more_speed(config) * np.exp(2 * log_sides(self.values))
+        widened: _F = self.place_variance + more * elapsed_s**2
         return widened
 
     def widen_(self, objects: NDArray[np.intp], elapsed_s: _F, config: MotionConfig) -> None:
         """Changes the filters of ``objects`` (M,), seen once, ``elapsed_s`` (M,) ago, to those of fast ones."""
-        more = max(0.0, config.jump_speed**2 - config.new_speed**2) * np.exp(2 * log_sides(self.values[:, objects]))
+        more = _more_speed(config) * np.exp(2 * log_sides(self.values[:, objects]))
         self.place_variance[objects] += more * elapsed_s**2
         self.covariance[objects] += more * elapsed_s
         self.velocity_variance[objects] += more
@@ -307,6 +307,11 @@ class Motions:
     def boxes(self) -> _F:
         """(P, 4) float64 xyxy where the objects are believed to be."""
         return boxes_around(self.values[:2], np.exp(self.values[2:4]))
+
+
+def _more_speed(config: MotionConfig) -> float:
+    """By how much the variance of the speed, (boxes / s)², of a fast object is above that of others."""
+    return max(0.0, config.jump_speed**2 - config.new_speed**2)
 
 
 def log_sides(states: _F) -> _F:
