@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lookonce.distances import SCALE, Quantized, distances, quantize, squared_distances
+from lookonce.distances import COARSE, FINE, Quantized, distances, quantize, squared_distances
 
 
 def _units(rng, count, size):
@@ -18,7 +18,7 @@ def test_quantized_values_are_whole_numbers_near_the_descriptors():
     quantized = quantize(rows).units
     assert quantized.dtype == np.float64
     np.testing.assert_array_equal(quantized, np.rint(quantized))
-    assert np.abs(quantized / SCALE - rows).max() <= 0.5 / SCALE
+    assert np.abs(quantized / FINE.scale - rows).max() <= 0.5 / FINE.scale
 
 
 @pytest.mark.parametrize("size", [2, 3, 128, 608, 2048])

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.distances import Quantized, quantize
+from lookonce.distances import COARSE, Quantized, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, Filled, GivenBack, Tracks
 from lookonce.tracking.candidates import TOUCHING, Frame, Pairs, best_first, find_pairs
@@ -179,7 +179,7 @@ class DefaultRule:
         looks = None
         if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
             self.looks.check_size(detections.descriptors.shape[1])
-            looks = quantize(detections.descriptors)
+            looks = quantize(detections.descriptors, COARSE)
         overlaps, is_usable = self._overlaps(columns.T, scores, looks)
         usable_count = np.count_nonzero(is_usable)
         if usable_count:

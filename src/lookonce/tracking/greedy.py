@@ -7,10 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.distances import Floats
+
 __all__ = ["assign_greedily"]
 
 
-def assign_greedily(cost: NDArray[np.float64], limit: float) -> NDArray[np.intp]:
+def assign_greedily(cost: Floats, limit: float) -> NDArray[np.intp]:
     """For each column the row that the greedy rule gives it: repeatedly take the smallest cost that is left.
 
     A pair that is the smallest of its row and of its column is taken by that rule whatever happens elsewhere, so all
@@ -18,7 +20,7 @@ def assign_greedily(cost: NDArray[np.float64], limit: float) -> NDArray[np.intp]
     the lowest row wins, then the lowest column.
 
     Args:
-        cost: (T, N) float64, lower is better.
+        cost: (T, N), lower is better.
         limit: pairs above it are never taken.
 
     Returns:

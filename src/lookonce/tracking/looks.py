@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.distances import SCALE, Quantized
+from lookonce.distances import COARSE, Floats, Quantized
 
 __all__ = ["LATEST", "Looks", "median_of_three"]
 
 _NAMES = ("latest", "kept", "kept_squared", "seen", "view_count", "view_s")  # of what is saved
 LATEST = 3  # descriptors of which the reference is the element-wise median, as in the paper's section 3.3
-_CHUNK = 128  # pairs at once: half a megabyte of copies at 128 values and two views, which stays in a processor's cache
+_CHUNK = 256  # pairs at once: half a megabyte of copies at 128 values and two views, which stays in a processor's cache
 
 
 class Looks:
@@ -22,7 +22,7 @@ class Looks:
 
     Of an object are kept: the last three, their element-wise median as reference (before there are three: the newest),
     and up to ``views`` that differ from each other, the oldest replaced first. A distance to the object is the smallest
-    to any of these. All are whole numbers in units of 1 / SCALE, so a distance depends on nothing but the pair
+    to any of these. All are whole numbers of coarse precision, so a distance depends on nothing but the pair
     (``lookonce.distances``).
 
     Args:
@@ -39,9 +39,9 @@ class Looks:
         self._allocate(0, 0)
 
     def _allocate(self, slots: int, size: int) -> None:
-        self.latest = np.zeros((LATEST, slots, size))
-        self.kept = np.zeros((1 + self.views, slots, size))  # the reference, then the views
-        self.kept_squared = np.full((1 + self.views, slots), np.inf)  # squared lengths; infinite: none there
+        self.latest = np.zeros((LATEST, slots, size), COARSE.dtype)
+        self.kept = np.zeros((1 + self.views, slots, size), COARSE.dtype)  # the reference, then the views
+        self.kept_squared = np.full((1 + self.views, slots), np.inf, COARSE.dtype)  # squared lengths; infinite: none there
         self.seen = np.zeros(slots, np.int64)  # descriptors remembered so far
         self.view_count = np.zeros(slots, np.int64)
         self.view_s = np.full(slots, -np.inf)
@@ -108,17 +108,17 @@ class Looks:
             rows: (K,) of the pairs.
         """
         self.refresh(slots)
-        squared = self._nearest(0, slots, descriptors.units, rows)
+        squared = self._nearest(0, slots, descriptors.units, rows).astype(np.float64)
         lengths = descriptors.squared_lengths.take(rows)
         squared += lengths
         squared[lengths == 0] = np.inf
         np.sqrt(squared, out=squared)
-        squared /= SCALE
+        squared /= COARSE.scale
         return squared
 
     def _nearest(
-        self, first: int, slots: NDArray[np.int64], units: NDArray[np.float64], rows: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+        self, first: int, slots: NDArray[np.int64], units: Floats, rows: NDArray[np.int64]
+    ) -> Floats:
         """(K,) squared distances of ``units`` (N, D) at ``rows`` (K,), less their own squared lengths.
 
         Each is to the nearest of what is kept of one object, from number ``first`` on; infinite where that is nothing.
@@ -128,10 +128,10 @@ class Looks:
             return np.concatenate([self._nearest(first, slots[part], units, rows[part]) for part in parts])
         end = 1 + max(first, min(int(self.view_count.take(slots).max(initial=0)), self.views))
         kept = self.kept[first:end].take(slots, axis=1)  # (V, K, D)
-        apart: NDArray[np.float64] = (kept[:, :, None] @ units.take(rows, axis=0)[:, :, None])[..., 0, 0]
+        apart: Floats = (kept[:, :, None] @ units.take(rows, axis=0)[:, :, None])[..., 0, 0]
         apart *= -2.0
         apart += self.kept_squared[first:end].take(slots, axis=1)
-        nearest: NDArray[np.float64] = apart.min(axis=0)
+        nearest: Floats = apart.min(axis=0)
         return nearest
 
     def remember(
@@ -180,7 +180,7 @@ class Looks:
         self.view_s[slots] = now_s
         squared_lengths = descriptors.squared_lengths[rows]
         nearest = self._nearest(1, slots, descriptors.units, rows)
-        new = (nearest + squared_lengths > (self.apart * SCALE) ** 2).nonzero()[0]
+        new = (nearest + squared_lengths > (self.apart * COARSE.scale) ** 2).nonzero()[0]
         if not len(new):
             return
         slots = slots[new]
@@ -190,7 +190,7 @@ class Looks:
         self.view_count[slots] += 1
 
 
-def median_of_three(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
+def median_of_three(a: Floats, b: Floats, c: Floats) -> Floats:
     """Element-wise median of three arrays of one shape."""
     low, high = np.minimum(a, b), np.maximum(a, b)
     np.minimum(high, c, out=high)

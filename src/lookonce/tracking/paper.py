@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.distances import SCALE, Quantized, quantize, squared_distances
+from lookonce.distances import FINE, Floats, Quantized, quantize, squared_distances
 from lookonce.errors import ConfigError
 from lookonce.structures import NO_ID, Detections, Tracks
 from lookonce.tracking.greedy import assign_greedily
@@ -51,8 +51,8 @@ class PaperObjects:
 
     ids: NDArray[np.int64]
     seen: NDArray[np.int64]
-    newest: NDArray[np.float64]
-    second: NDArray[np.float64]
+    newest: Floats
+    second: Floats
     references: Quantized
 
 
@@ -68,7 +68,7 @@ class PaperRule:
         self.config = config
         self.next_id = 1
         self.objects: PaperObjects | None = None
-        self._limit = (config.match_threshold * SCALE) ** 2
+        self._limit = (config.match_threshold * FINE.scale) ** 2
 
     def update(self, detections: Detections) -> Tracks:
         """Identities for the rows of one frame; a row whose descriptor is zero gets none.
@@ -122,8 +122,8 @@ class PaperRule:
 def _references(
     seen: NDArray[np.int64],
     newest: Quantized,
-    second: NDArray[np.float64],
-    third: NDArray[np.float64],
+    second: Floats,
+    third: Floats,
 ) -> Quantized:
     """What the next frame is compared with, P rows: the median of three, or the newest."""
     has_three = seen == 3

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.array_file import read_arrays, write_arrays
-from lookonce.distances import SCALE, Quantized
+from lookonce.distances import FINE, Quantized
 from lookonce.errors import ConfigError, FormatError
 from lookonce.structures import NO_ID
 from lookonce.tracking.default import DefaultRule
@@ -27,12 +27,12 @@ from lookonce.tracking.waiting import WaitingRow
 
 __all__ = ["load_rule", "save_rule"]
 
-_FORMAT, _VERSION = "lookonce-tracker", 3
+_FORMAT, _VERSION = "lookonce-tracker", 4
 _MOST_BYTES = 4_000_000_000  # 300,000 objects of 128 values
 _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
 _LARGEST_LOGARITHM = 200.0  # of a size in px
-_LARGEST = 2.0 * SCALE * SCALE  # of a descriptor's value in whole numbers, far above any
+_LARGEST = 2.0 * FINE.scale**2  # of a descriptor's value in whole numbers, far above any
 
 _OBJECTS: dict[str, type] = {
     "serials": np.int64,
@@ -53,9 +53,9 @@ _OBJECTS: dict[str, type] = {
 }
 _WIDTHS = {"anchor": (2,), "heading": (2,), "surprise": (4,), "box": (4,)}
 _LOOKS: dict[str, type] = {
-    "latest": np.float64,
-    "kept": np.float64,
-    "kept_squared": np.float64,
+    "latest": np.float32,
+    "kept": np.float32,
+    "kept_squared": np.float32,
     "seen": np.int64,
     "view_count": np.int64,
     "view_s": np.float64,
