@@ -45,6 +45,7 @@ class Frame:
         is_usable: (N,) bool, rows that are neither too weak nor a second box of one object.
         is_high: (N,) bool, usable rows of high score.
         overlaps: among all rows.
+        border: xyxy of the picture, px, as far as it is known.
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
         has_jumped: (N,) bool, whether the object turns out to be a fast one.
         reported: (N, 4) float32, the boxes to give out.
@@ -59,6 +60,7 @@ class Frame:
     is_usable: NDArray[np.bool_]
     is_high: NDArray[np.bool_]
     overlaps: Overlaps
+    border: tuple[float, float, float, float]
     object_of: NDArray[np.int64]
     has_jumped: NDArray[np.bool_]
     reported: NDArray[np.float32]
@@ -102,12 +104,48 @@ class Pairs:
         return are_left
 
 
-def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, config: DefaultConfig) -> Pairs:
+@dataclass(slots=True)
+class _Belief:
+    """Where P objects are believed to be, around the expected places.
+
+    Attributes:
+        variance: (P,) px² of each coordinate.
+        certainty: (P,) what a detection at the expected place gains.
+    """
+
+    variance: NDArray[np.float64]
+    certainty: NDArray[np.float64]
+
+    def reach(self, best_look: float) -> NDArray[np.float64]:
+        """(P,) px, how far out a pair can gain anything with the best look."""
+        best = self.certainty + best_look
+        return np.minimum(LARGEST_DEVIATION, np.sqrt(2.0 * np.maximum(best, 0.0))) * np.sqrt(self.variance)
+
+    def gains(
+        self, objects: NDArray[np.int64], squared: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(K,) gains, minus infinity beyond reach, and deviations of ``objects`` (K,) at ``squared`` distances, px²."""
+        deviation = squared / self.variance[objects]
+        np.sqrt(deviation, out=deviation)
+        gains = -0.5 * deviation**2
+        gains += self.certainty[objects]
+        gains[deviation > LARGEST_DEVIATION] = -np.inf
+        return gains, deviation
+
+
+def find_pairs(
+    objects: Objects,
+    unseen_s: NDArray[np.float64],
+    was_seen: NDArray[np.bool_],
+    frame: Frame,
+    config: DefaultConfig,
+) -> Pairs:
     """Pairs within reach. Gains are logarithms of likelihood ratios: this object against one anywhere in the crowd.
 
     Args:
         objects: P of them, where they are expected now.
         unseen_s: (P,) since when each was not seen.
+        was_seen: (P,) bool, in the frame before.
         frame: its rows.
         config: the settings.
     """
@@ -115,30 +153,34 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     size = np.exp(values[2:4])
     side = np.maximum(size[0], size[1])
     noise = (config.motion.place_noise * side) ** 2
-    variance = objects.motions.place_variance + noise
-    area = (config.crowd_box * side) ** 2 / (2 * math.pi)
-    certainty = np.maximum(np.log(area / variance), -config.place_limit)
+    widest = variance = objects.motions.place_variance + noise
+    may_jump = objects.hits == 1
+    if has_jumpers := config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0:
+        widest = np.where(may_jump, objects.motions.widened(unseen_s, config.motion) + noise, variance)
+    room = (config.crowd_box * side) ** 2
+    usual, fast = _beliefs(room, variance, widest, config)
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
     best_look = config.appearance_absent if frame.looks is None else config.best_look
-    reach = _reach(variance, certainty + best_look)
-    may_jump = objects.hits == 1
-    has_jumpers = config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0
+    reach = usual.reach(best_look)
     if has_jumpers:
-        widened = objects.motions.widened(unseen_s, config.motion) + noise
-        fast_variance = np.where(may_jump, widened, variance)
-        fast_certainty = np.log(area / fast_variance)
-        reach = np.maximum(reach, _reach(fast_variance, fast_certainty + best_look))
+        reach = np.maximum(reach, fast.reach(best_look))
+    farthest = np.minimum(LARGEST_DEVIATION * np.sqrt(widest), _FARTHEST * side)
+    wide = (was_seen & (4 * farthest**2 > room)).nonzero()[0]
+    reach[wide] = farthest[wide]
     of_object, rows = _near_rows(objects.motions.place, np.minimum(reach, _FARTHEST * side), side, frame)
+    if len(wide):
+        counts = np.bincount(of_object, minlength=len(side))[wide]
+        room[wide] = np.maximum(room[wide], _rooms(values[:2, wide], farthest[wide], side[wide], counts, frame.border))
+        usual, fast = _beliefs(room, variance, widest, config)
     apart = frame.states.T.take(rows, axis=1)
     apart -= values[:4].take(of_object, axis=1)
     apart *= apart
     squared, resized = apart[0] + apart[1], apart[2] + apart[3]
-    gains, deviation = _place_gains(squared, variance[of_object], certainty[of_object])
+    gains, deviation = usual.gains(of_object, squared)
     is_jump = np.zeros(len(rows), np.bool_)
     if has_jumpers:
         maybe = may_jump[of_object].nonzero()[0]
-        of_fast = of_object[maybe]
-        fast_gains, fast_deviation = _place_gains(squared[maybe], fast_variance[of_fast], fast_certainty[of_fast])
+        fast_gains, fast_deviation = fast.gains(of_object[maybe], squared[maybe])
         fast_gains += math.log(config.motion.jump_share)
         is_jump[maybe] = is_likelier = fast_gains > gains[maybe]
         jumps = maybe[is_likelier]
@@ -153,9 +195,42 @@ def find_pairs(objects: Objects, unseen_s: NDArray[np.float64], frame: Frame, co
     return Pairs(of_object, rows, gains, overlap, deviation, is_jump, boxes, np.zeros(len(side), np.bool_))
 
 
-def _reach(variance: NDArray[np.float64], best: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(P,) px, how far out a pair can gain anything, where it gains ``best`` (P,) at the expected place."""
-    return np.minimum(LARGEST_DEVIATION, np.sqrt(2.0 * np.maximum(best, 0.0))) * np.sqrt(variance)
+def _beliefs(
+    room: NDArray[np.float64], variance: NDArray[np.float64], widest: NDArray[np.float64], config: DefaultConfig
+) -> tuple[_Belief, _Belief]:
+    """What is believed of objects as they move, and if they turn out to be fast; ``room`` (P,) px² for each detection.
+
+    Of what may be fast the place speaks without a limit: else every new object would be.
+    """
+    area = room / (2 * math.pi)
+    usual = _Belief(variance, np.maximum(np.log(area / variance), -config.place_limit))
+    return usual, usual if widest is variance else _Belief(widest, np.log(area / widest))
+
+
+def _rooms(
+    place: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    side: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    border: tuple[float, float, float, float],
+) -> NDArray[np.float64]:
+    """(M,) px², the area that each detection has for itself where objects may be: one other in all that is looked at.
+
+    To others besides the one that may be the object only what is seen of the square counts.
+
+    Args:
+        place: (2, M) px.
+        reach: (M,) px, half the side of the square.
+        side: (M,) px, of the boxes.
+        counts: (M,) detections in the square.
+        border: xyxy of the picture.
+    """
+    left, top, right, bottom = border
+    (x, y), whole = place, (2 * reach) ** 2
+    width = np.maximum(np.minimum(x + reach, right) - np.maximum(x - reach, left), side)
+    height = np.maximum(np.minimum(y + reach, bottom) - np.maximum(y - reach, top), side)
+    rooms: NDArray[np.float64] = 1 / (np.maximum(counts - 1, 0) / (width * height) + 1 / whole)
+    return rooms
 
 
 def _near_rows(
@@ -175,21 +250,3 @@ def _near_rows(
     except TooManyPairsError:
         of_object, rows = near_pairs(place, touching, points)
     return of_object, rows if is_all else usable[rows]
-
-
-def _place_gains(
-    squared: NDArray[np.float64], variance: NDArray[np.float64], certainty: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(K,) gains, minus infinity beyond reach, and (K,) deviations of pairs.
-
-    Args:
-        squared: (K,) distance, px².
-        variance: (K,) px².
-        certainty: (K,) gain of no distance.
-    """
-    deviation = squared / variance
-    np.sqrt(deviation, out=deviation)
-    gains = -0.5 * deviation**2
-    gains += certainty
-    gains[deviation > LARGEST_DEVIATION] = -np.inf
-    return gains, deviation

@@ -88,9 +88,9 @@ class DefaultRule:
         step_s = self._advance(time_s)
         self._numbers, self._frame_number = numbers, self.frame if frame_number is None else frame_number
         self._predict(step_s, camera)
-        frame = self._look_at(detections)
+        frame = self._look_at(detections, size)
         unseen_s = self.now_s - self.objects.seen_s
-        pairs = find_pairs(self.objects, unseen_s, frame, self.config)
+        pairs = find_pairs(self.objects, unseen_s, unseen_s <= 1.01 * step_s, frame, self.config)
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         is_known = self.objects.ids != NO_ID
         self._match_all(frame, pairs, is_known)
@@ -173,7 +173,7 @@ class DefaultRule:
         if camera is not None:
             objects.move_camera_(camera)
 
-    def _look_at(self, detections: Detections) -> Frame:
+    def _look_at(self, detections: Detections, size: tuple[int, int] | None) -> Frame:
         config = self.config
         scores, columns = detections.scores.astype(np.float64), np.array(detections.xyxy.T, np.float64, order="C")
         looks = None
@@ -196,6 +196,7 @@ class DefaultRule:
             is_usable,
             is_usable & (scores >= config.high_score),
             overlaps,
+            self._border(size),
             np.full(len(scores), -1),
             np.zeros(len(scores), np.bool_),
             detections.xyxy,
@@ -358,10 +359,15 @@ class DefaultRule:
         """(P,) bool: objects that are believed to be beyond the border of the picture."""
         if size is None and self.next_id <= _BORDERS:
             return np.zeros(len(self.objects), np.bool_)
-        left, top, right, bottom = self.extent.tolist() if size is None else (0, 0, size[1], size[0])
+        left, top, right, bottom = self._border(size)
         x, y = self.objects.motions.values[0], self.objects.motions.values[1]
         is_outside: NDArray[np.bool_] = (x < left) | (x > right) | (y < top) | (y > bottom)
         return is_outside
+
+    def _border(self, size: tuple[int, int] | None) -> tuple[float, float, float, float]:
+        """xyxy of the picture, or of where boxes have been."""
+        left, top, right, bottom = self.extent.tolist() if size is None else (0.0, 0.0, size[1], size[0])
+        return left, top, right, bottom
 
     def _note_ends(self, is_over: NDArray[np.bool_], reasons: list[str]) -> None:
         """Remember, for the story, which identities end and why; ``reasons`` (P,)."""

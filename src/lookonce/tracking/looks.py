@@ -41,7 +41,9 @@ class Looks:
     def _allocate(self, slots: int, size: int) -> None:
         self.latest = np.zeros((LATEST, slots, size), COARSE.dtype)
         self.kept = np.zeros((1 + self.views, slots, size), COARSE.dtype)  # the reference, then the views
-        self.kept_squared = np.full((1 + self.views, slots), np.inf, COARSE.dtype)  # squared lengths; infinite: none there
+        self.kept_squared = np.full(
+            (1 + self.views, slots), np.inf, COARSE.dtype
+        )  # squared lengths; infinite: none there
         self.seen = np.zeros(slots, np.int64)  # descriptors remembered so far
         self.view_count = np.zeros(slots, np.int64)
         self.view_s = np.full(slots, -np.inf)
@@ -116,9 +118,7 @@ class Looks:
         squared /= COARSE.scale
         return squared
 
-    def _nearest(
-        self, first: int, slots: NDArray[np.int64], units: Floats, rows: NDArray[np.int64]
-    ) -> Floats:
+    def _nearest(self, first: int, slots: NDArray[np.int64], units: Floats, rows: NDArray[np.int64]) -> Floats:
         """(K,) squared distances of ``units`` (N, D) at ``rows`` (K,), less their own squared lengths.
 
         Each is to the nearest of what is kept of one object, from number ``first`` on; infinite where that is nothing.
