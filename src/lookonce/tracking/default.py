@@ -302,7 +302,7 @@ class DefaultRule:
         sightings = Sightings(rows, seen, states, objects.seen_s[seen], objects.last.take(seen, axis=1))
         labels, scores = frame.labels[rows], frame.scores[rows]
         shares = None if frame.shares is None else frame.shares[rows]
-        correction = objects.motions.correct_(seen, states, scores, self.config.motion, shares)
+        correction = objects.motions.correct_(seen, states, scores, self.config.motion, shares, sightings.before[:2])
         boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.now_s)
         objects.see_(seen, labels, scores, self.now_s, self.config.evidence, self.moving)
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
@@ -365,7 +365,7 @@ class DefaultRule:
         return is_outside
 
     def _border(self, size: tuple[int, int] | None) -> tuple[float, float, float, float]:
-        """xyxy of the picture, or of where boxes have been."""
+        """The picture as xyxy, or where boxes have been."""
         left, top, right, bottom = self.extent.tolist() if size is None else (0.0, 0.0, size[1], size[0])
         return left, top, right, bottom
 

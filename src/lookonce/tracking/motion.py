@@ -55,6 +55,9 @@ class MotionConfig:
             ``1 + score_noise (0.5 - s)`` times as large, below 2 (after Du and others, "GIAOTracker", 2021).
         doubt: a detection near others errs more: where it shows its object with a share of only p of what it may be
             (``lookonce.tracking.doubt``), all noise is ``1 / p^doubt`` times as large; at most 20.
+        turn: surprises of a filter that fits are independent. Where the product of two in a row is above so many times
+            the variance of one, the object turns or speeds up, and its filter is widened by what is above
+            (``Motions.correct_``); a large number: never.
         acceleration: spectral density of the acceleration of an object at rest, boxes / s^1.5.
         acceleration_share: the same for a moving one, as a share of its speed, 1 / s^0.5.
         new_speed: standard deviation of the speed of an object seen once, and its bound later, boxes / s.
@@ -71,6 +74,7 @@ class MotionConfig:
     size_noise: float = 0.4
     score_noise: float = 0.6
     doubt: float = 2.0
+    turn: float = 1.0
     acceleration: float = 0.25
     acceleration_share: float = 0.25
     new_speed: float = 2.0
@@ -240,9 +244,20 @@ class Motions:
         velocity *= nearer
 
     def correct_(
-        self, objects: NDArray[np.intp], states: _F, scores: _F, config: MotionConfig, shares: _F | None = None
+        self,
+        objects: NDArray[np.intp],
+        states: _F,
+        scores: _F,
+        config: MotionConfig,
+        shares: _F | None = None,
+        before: _F | None = None,
     ) -> Correction:
         """Changes the filters of ``objects`` (M,) by what was seen of them, and says how.
+
+        The product of two surprises in a row has the mean 0 if a filter fits (Mehra, "On the identification of
+        variances and adaptive Kalman filtering", IEEE Transactions on Automatic Control 15, 1970). What it is above
+        that widens what is expected by one factor, as in the strong tracking filter of Zhou and Frank (International
+        Journal of Control 65, 1996), so that velocity follows at once where objects turn.
 
         Args:
             objects: places.
@@ -250,6 +265,7 @@ class Motions:
             scores: (M,) of them.
             config: the settings.
             shares: (M,) of what each may be, that of its own object; None: all are certain.
+            before: (2, M) the surprise in x and y at the sighting before, boxes; infinite: there is none to go by.
         """
         values, seen = self.values.take(objects, axis=1), states.T
         variance, covariance, size_variance = values[6:8], values[8:10], values[12]
@@ -258,12 +274,15 @@ class Motions:
         if shares is not None:
             noise /= shares**config.doubt
         noise *= noise
-        total = variance.copy()
-        total[0] += (config.place_noise * np.exp(log_sides(seen))) ** 2 * noise
+        surprise, side, total = seen - values[:4], np.exp(log_sides(seen)), variance.copy()
+        total[0] += (config.place_noise * side) ** 2 * noise
         total[1] += config.growth_noise**2 * noise
+        if before is not None:
+            _widen_turning_(
+                values, total[0], surprise[:2], np.where(before < np.inf, before * side, 0.0), config.turn, shares
+            )
         gain, rate_gain = variance / total, covariance / total
         size_gain = size_variance / (size_variance + config.size_noise**2 * noise)
-        surprise = seen - values[:4]
         taller = _levels(seen) - values[14]
         for axis in (0, 1):  # one by one: NumPy is slow to repeat a row
             values[axis] += gain[0] * surprise[axis]
@@ -307,6 +326,23 @@ class Motions:
     def boxes(self) -> _F:
         """(P, 4) float64 xyxy where the objects are believed to be."""
         return boxes_around(self.values[:2], np.exp(self.values[2:4]))
+
+
+def _widen_turning_(values: _F, total: _F, now: _F, before: _F, turn: float, shares: _F | None) -> None:
+    """Changes the filters ``values`` (15, M) of what turns, and the variance ``total`` (M,) of its surprise, px².
+
+    Two surprises in a row (2, M), px, say who does; 0 where there were not two.
+    """
+    products = now * before
+    excess = 0.5 * (products[0] + products[1]) - turn * total
+    turning = (excess > 0).nonzero()[0]
+    if not len(turning):
+        return
+    more = excess[turning] if shares is None else excess[turning] * shares[turning]
+    factor = 1.0 + more / values[6][turning]
+    for row in (6, 8, 10):
+        values[row][turning] *= factor
+    total[turning] += more
 
 
 def _more_speed(config: MotionConfig) -> float:

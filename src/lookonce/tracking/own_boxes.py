@@ -54,17 +54,17 @@ class OwnBoxes:
 
     def give_out(self, frame: Frame, objects: Objects, seen: Sightings, correction: Correction, now_s: float) -> _F:
         """The boxes (M, 4) of what is seen, by which filters were corrected; the frame and the objects get them."""
+        surprise = in_boxes(correction.surprise, np.exp(log_sides(seen.states.T)))
+        is_early = now_s - seen.seen_s <= max(CHANGED_S, 1.01 * (now_s - self.last_s))
         if not self.is_steady:
-            boxes, surprise = frame.xyxy[seen.rows], seen.before[:4]
+            boxes = frame.xyxy[seen.rows]
         else:
             boxes = self.steadying.boxes(correction, seen.states, now_s - seen.seen_s)
             frame.reported = frame.reported.copy()
             frame.reported[seen.rows] = boxes
-            surprise = in_boxes(correction.surprise, np.exp(log_sides(seen.states.T)))
-            is_early = now_s - seen.seen_s <= max(CHANGED_S, 1.01 * (now_s - self.last_s))
             again = (is_early & objects.is_real[seen.objects] & (seen.before[0] < np.inf)).nonzero()[0]
             self.steadying.learn(seen.before[:4].take(again, axis=1), surprise.take(again, axis=1))
-            surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector
+        surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector, and nothing of a turn
         objects.last[:, seen.objects] = np.concatenate([surprise, boxes.T])
         return boxes
 
