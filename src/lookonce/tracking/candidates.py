@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lookonce.boxes import iou_of_pairs
 from lookonce.distances import Quantized
 from lookonce.tracking.default_config import DefaultConfig
-from lookonce.tracking.motion import boxes_around
+from lookonce.tracking.motion import MotionConfig, boxes_around
 from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import TooManyPairsError, near_pairs
@@ -47,7 +47,7 @@ class Frame:
         overlaps: among all rows.
         border: xyxy of the picture, px, as far as it is known.
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
-        has_jumped: (N,) bool, whether the object turns out to be a fast one.
+        has_jumped: (N,) bool, whether the object turns out to be a fast one, or to have turned.
         reported: (N, 4) float32, the boxes to give out.
         shares: (N,) float64 of the rows' own objects, as ``own_shares`` has them; None: all are certain.
     """
@@ -83,7 +83,7 @@ class Pairs:
         gains: (K,) float64, without appearance.
         overlap: (K,) float64, IoU of the expected box and the detection.
         deviation: (K,) float64, distance from the expected place in standard deviations.
-        is_jump: (K,) bool, likelier if the object is a fast one, seen once before.
+        is_jump: (K,) bool, likelier if the object is a fast one, seen once before, or turns.
         boxes: (4, P) float64, where the objects are expected.
         is_taken: (P,) bool, objects that have a row by now.
     """
@@ -133,6 +133,41 @@ class _Belief:
         return gains, deviation
 
 
+@dataclass(slots=True)
+class _Surprises:
+    """What P objects may do that their filters do not expect: new ones may be fast, and those just seen may turn.
+
+    Attributes:
+        variance: (P,) px², of places if they do.
+        log_share: (P,) logarithm of the share that does; minus infinity: none.
+    """
+
+    variance: NDArray[np.float64]
+    log_share: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        objects: Objects,
+        unseen_s: NDArray[np.float64],
+        was_seen: NDArray[np.bool_],
+        variance: NDArray[np.float64],
+        config: MotionConfig,
+    ) -> _Surprises | None:
+        """Those of ``objects``; None: nobody may surprise."""
+        is_new = objects.hits == 1
+        may_turn = was_seen & (unseen_s * config.turn_speed > config.place_noise)  # else it is lost in the noise
+        if not np.count_nonzero(may_turn | is_new):
+            return None
+        log_share = np.where(may_turn, _logarithm(config.turn_share), -np.inf)
+        log_share[is_new] = _logarithm(config.jump_share)
+        return cls(variance + objects.motions.more_speed(is_new, config) * unseen_s**2, log_share)
+
+
+def _logarithm(share: float) -> float:
+    return math.log(share) if share > 0 else -math.inf
+
+
 def find_pairs(
     objects: Objects,
     unseen_s: NDArray[np.float64],
@@ -152,18 +187,16 @@ def find_pairs(
     values = objects.motions.values
     size = np.exp(values[2:4])
     side = np.maximum(size[0], size[1])
-    noise = (config.motion.place_noise * side) ** 2
-    widest = variance = objects.motions.place_variance + noise
-    may_jump = objects.hits == 1
-    if has_jumpers := config.motion.jump_share > 0 and np.count_nonzero(may_jump) > 0:
-        widest = np.where(may_jump, objects.motions.widened(unseen_s, config.motion) + noise, variance)
+    variance = objects.motions.place_variance + (config.motion.place_noise * side) ** 2
+    surprises = _Surprises.of(objects, unseen_s, was_seen, variance, config.motion)
     room = (config.crowd_box * side) ** 2
-    usual, fast = _beliefs(room, variance, widest, config)
+    usual, other = _beliefs(room, variance, surprises, config)
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
     best_look = config.appearance_absent if frame.looks is None else config.best_look
-    reach = usual.reach(best_look)
-    if has_jumpers:
-        reach = np.maximum(reach, fast.reach(best_look))
+    reach, widest = usual.reach(best_look), variance
+    if surprises is not None and other is not None:
+        reach = np.maximum(reach, other.reach(best_look))
+        widest = np.where(surprises.log_share > -np.inf, surprises.variance, variance)
     farthest = np.minimum(LARGEST_DEVIATION * np.sqrt(widest), _FARTHEST * side)
     wide = (was_seen & (4 * farthest**2 > room)).nonzero()[0]
     reach[wide] = farthest[wide]
@@ -171,20 +204,17 @@ def find_pairs(
     if len(wide):
         counts = np.bincount(of_object, minlength=len(side))[wide]
         room[wide] = np.maximum(room[wide], _rooms(values[:2, wide], farthest[wide], side[wide], counts, frame.border))
-        usual, fast = _beliefs(room, variance, widest, config)
+        usual, other = _beliefs(room, variance, surprises, config)
     apart = frame.states.T.take(rows, axis=1)
     apart -= values[:4].take(of_object, axis=1)
     apart *= apart
     squared, resized = apart[0] + apart[1], apart[2] + apart[3]
     gains, deviation = usual.gains(of_object, squared)
     is_jump = np.zeros(len(rows), np.bool_)
-    if has_jumpers:
-        maybe = may_jump[of_object].nonzero()[0]
-        fast_gains, fast_deviation = fast.gains(of_object[maybe], squared[maybe])
-        fast_gains += math.log(config.motion.jump_share)
-        is_jump[maybe] = is_likelier = fast_gains > gains[maybe]
-        jumps = maybe[is_likelier]
-        gains[jumps], deviation[jumps] = fast_gains[is_likelier], fast_deviation[is_likelier]
+    if other is not None:
+        gains_if, deviation_if = other.gains(of_object, squared)
+        is_jump = gains_if > gains
+        gains[is_jump], deviation[is_jump] = gains_if[is_jump], deviation_if[is_jump]
     size_variance = (objects.motions.size_variance + config.motion.size_noise**2)[of_object]
     gains += np.maximum(-0.5 * resized / size_variance, _WORST_SIZE)
     others = (objects.labels[of_object] != frame.labels[rows]).nonzero()[0]
@@ -196,15 +226,17 @@ def find_pairs(
 
 
 def _beliefs(
-    room: NDArray[np.float64], variance: NDArray[np.float64], widest: NDArray[np.float64], config: DefaultConfig
-) -> tuple[_Belief, _Belief]:
-    """What is believed of objects as they move, and if they turn out to be fast; ``room`` (P,) px² for each detection.
+    room: NDArray[np.float64], variance: NDArray[np.float64], surprises: _Surprises | None, config: DefaultConfig
+) -> tuple[_Belief, _Belief | None]:
+    """What is believed of objects as they are expected, and if they surprise; ``room`` (P,) px² for each detection.
 
-    Of what may be fast the place speaks without a limit: else every new object would be.
+    Where they surprise, the place speaks without a limit: else every new object would.
     """
     area = room / (2 * math.pi)
     usual = _Belief(variance, np.maximum(np.log(area / variance), -config.place_limit))
-    return usual, usual if widest is variance else _Belief(widest, np.log(area / widest))
+    if surprises is None:
+        return usual, None
+    return usual, _Belief(surprises.variance, np.log(area / surprises.variance) + surprises.log_share)
 
 
 def _rooms(

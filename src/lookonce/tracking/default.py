@@ -296,8 +296,8 @@ class DefaultRule:
         objects = self.objects
         jumped = frame.has_jumped[rows].nonzero()[0]
         if len(jumped):
-            fast = seen[jumped]
-            objects.motions.widen_(fast, unseen_s[fast], self.config.motion)
+            fast, more = seen[jumped], objects.motions.more_speed(objects.hits == 1, self.config.motion)
+            objects.motions.widen_(fast, unseen_s[fast], more[fast])
         states = frame.states.T.take(rows, axis=1).T
         sightings = Sightings(rows, seen, states, objects.seen_s[seen], objects.last.take(seen, axis=1))
         labels, scores = frame.labels[rows], frame.scores[rows]

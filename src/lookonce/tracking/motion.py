@@ -55,8 +55,8 @@ class MotionConfig:
             ``1 + score_noise (0.5 - s)`` times as large, below 2 (after Du and others, "GIAOTracker", 2021).
         doubt: a detection near others errs more: where it shows its object with a share of only p of what it may be
             (``lookonce.tracking.doubt``), all noise is ``1 / p^doubt`` times as large; at most 20.
-        turn: surprises of a filter that fits are independent. Where the product of two in a row is above so many times
-            the variance of one, the object turns or speeds up, and its filter is widened by what is above
+        lag: surprises of a filter that fits are independent. Where the product of two in a row is above so many times
+            the variance of one, the filter lags behind what turns or speeds up, and is widened by what is above
             (``Motions.correct_``); a large number: never.
         acceleration: spectral density of the acceleration of an object at rest, boxes / s^1.5.
         acceleration_share: the same for a moving one, as a share of its speed, 1 / s^0.5.
@@ -64,6 +64,9 @@ class MotionConfig:
         size_drift: random walk of the logarithm of the size, 1 / s^0.5.
         jump_speed: of an object seen once that turns out to be fast, boxes / s;
         jump_share: this share of all new objects.
+        turn_speed: what was seen in the frame before may have turned since: its velocity has changed by so much in x
+            and in y, boxes / s, standard deviation;
+        turn_share: in this share of all frames.
         slow_down_s: an unseen object loses its speed and growth with this time constant, s.
         growth: standard deviation of the growth of an object seen once, and its bound later, 1 / s; 0: nothing grows.
         growth_drift: spectral density of its change, 1 / s^1.5.
@@ -74,13 +77,15 @@ class MotionConfig:
     size_noise: float = 0.4
     score_noise: float = 0.6
     doubt: float = 2.0
-    turn: float = 1.0
+    lag: float = 1.0
     acceleration: float = 0.25
     acceleration_share: float = 0.25
     new_speed: float = 2.0
     size_drift: float = 0.2
     jump_speed: float = 16.0
     jump_share: float = 0.3
+    turn_speed: float = 1.5
+    turn_share: float = 0.1
     slow_down_s: float = 2.5
     growth: float = 0.3
     growth_drift: float = 0.15
@@ -278,8 +283,8 @@ class Motions:
         total[0] += (config.place_noise * side) ** 2 * noise
         total[1] += config.growth_noise**2 * noise
         if before is not None:
-            _widen_turning_(
-                values, total[0], surprise[:2], np.where(before < np.inf, before * side, 0.0), config.turn, shares
+            _widen_lagging_(
+                values, total[0], surprise[:2], np.where(before < np.inf, before * side, 0.0), config.lag, shares
             )
         gain, rate_gain = variance / total, covariance / total
         size_gain = size_variance / (size_variance + config.size_noise**2 * noise)
@@ -298,15 +303,17 @@ class Motions:
         gain[1] = size_gain
         return Correction(surprise, gain)
 
-    def widened(self, elapsed_s: _F, config: MotionConfig) -> _F:
-        """(P,) place variance, px², of objects seen once, ``elapsed_s`` (P,) ago, that may be fast."""
-        more = _more_speed(config) * np.exp(2 * log_sides(self.values))
-        widened: _F = self.place_variance + more * elapsed_s**2
-        return widened
+    def more_speed(self, is_new: NDArray[np.bool_], config: MotionConfig) -> _F:
+        """(P,) px² / s², by how much the variance of the velocity is above that of the filter.
 
-    def widen_(self, objects: NDArray[np.intp], elapsed_s: _F, config: MotionConfig) -> None:
-        """Changes the filters of ``objects`` (M,), seen once, ``elapsed_s`` (M,) ago, to those of fast ones."""
-        more = _more_speed(config) * np.exp(2 * log_sides(self.values[:, objects]))
+        Of objects seen once, ``is_new`` (P,), if they turn out to be fast, and of others if they turn.
+        """
+        of_new = max(0.0, config.jump_speed**2 - config.new_speed**2)
+        more: _F = np.where(is_new, of_new, config.turn_speed**2) * np.exp(2 * log_sides(self.values))
+        return more
+
+    def widen_(self, objects: NDArray[np.intp], elapsed_s: _F, more: _F) -> None:
+        """Changes the filters of ``objects`` (M,), seen ``elapsed_s`` (M,) ago, by ``more`` (M,) variance of speed."""
         self.place_variance[objects] += more * elapsed_s**2
         self.covariance[objects] += more * elapsed_s
         self.velocity_variance[objects] += more
@@ -328,26 +335,21 @@ class Motions:
         return boxes_around(self.values[:2], np.exp(self.values[2:4]))
 
 
-def _widen_turning_(values: _F, total: _F, now: _F, before: _F, turn: float, shares: _F | None) -> None:
-    """Changes the filters ``values`` (15, M) of what turns, and the variance ``total`` (M,) of its surprise, px².
+def _widen_lagging_(values: _F, total: _F, now: _F, before: _F, lag: float, shares: _F | None) -> None:
+    """Changes the filters ``values`` (15, M) of what lags, and the variance ``total`` (M,) of its surprise, px².
 
     Two surprises in a row (2, M), px, say who does; 0 where there were not two.
     """
     products = now * before
-    excess = 0.5 * (products[0] + products[1]) - turn * total
-    turning = (excess > 0).nonzero()[0]
-    if not len(turning):
+    excess = 0.5 * (products[0] + products[1]) - lag * total
+    lagging = (excess > 0).nonzero()[0]
+    if not len(lagging):
         return
-    more = excess[turning] if shares is None else excess[turning] * shares[turning]
-    factor = 1.0 + more / values[6][turning]
+    more = excess[lagging] if shares is None else excess[lagging] * shares[lagging]
+    factor = 1.0 + more / values[6][lagging]
     for row in (6, 8, 10):
-        values[row][turning] *= factor
-    total[turning] += more
-
-
-def _more_speed(config: MotionConfig) -> float:
-    """By how much the variance of the speed, (boxes / s)², of a fast object is above that of others."""
-    return max(0.0, config.jump_speed**2 - config.new_speed**2)
+        values[row][lagging] *= factor
+    total[lagging] += more
 
 
 def log_sides(states: _F) -> _F:
