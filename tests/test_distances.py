@@ -65,6 +65,25 @@ def test_rounding_moves_a_distance_by_less_than_a_millionth():
     assert np.abs(distances(quantize(a), quantize(b)) - exact).max() < 1e-6
 
 
+def test_coarse_precision_is_exact_in_float32_and_close_to_the_descriptors():
+    """Sums of products stay below 2^24, so rows and their order change nothing; medians of three fit as well."""
+    rng = np.random.default_rng(5)
+    rows, others = _units(rng, 30, 128), _units(rng, 40, 128)
+    others[0] = rows[0]
+    a, b = quantize(rows, COARSE), quantize(others, COARSE)
+    assert a.units.dtype == a.squared_lengths.dtype == np.float32
+    expected = [
+        [sum((int(x) - int(y)) ** 2 for x, y in zip(one, two, strict=True)) for two in b.units] for one in a.units
+    ]
+    np.testing.assert_array_equal(squared_distances(a, b), expected)
+    exact = np.linalg.norm(np.float64(rows)[:, None] - np.float64(others)[None], axis=2)
+    wrong = np.sqrt(expected) / COARSE.scale - exact
+    assert np.sqrt((wrong**2).mean()) < 3e-4
+    assert np.abs(wrong).max() < 2e-3
+    median = np.sort(quantize(_units(rng, 3, 2048), COARSE).units, axis=0)[1]
+    assert np.abs(median @ median) < 1.5 * COARSE.scale**2 < 2**24
+
+
 def test_no_rows_give_no_distances():
     none, some = Quantized.of(np.zeros((0, 4))), Quantized.of(np.ones((3, 4)))
     for measure in (squared_distances, distances):

@@ -37,6 +37,9 @@ CONFIG = DefaultConfig(  # the scenes are made for these numbers, whatever the d
     ),
 )
 BOXES = replace(CONFIG, appearance=False)
+CROWD = [
+    (x, y) for x in range(-300, 301, 120) for y in range(-300, 301, 120)
+]  # who stands in a grid, three boxes apart
 
 
 def _ids(frames, preset=CONFIG, times=None):
@@ -135,8 +138,56 @@ def test_objects_are_followed_at_any_frame_rate(preset, looks, step_s):
     places = [((100 + 20 * step_s * n, 100), (500, 300)) for n in range(6)]
     frames = [seen(*two, looks=looks) for two in places]
     assert _ids(frames, preset, [step_s * n for n in range(6)]) == [[1, 2]] * 6
-    if looks is None and step_s >= 2:
-        assert _last(frames, replace(preset, place_limit=10.0), [step_s * n for n in range(6)])[0] != 1
+
+
+@pytest.mark.parametrize(("step_s", "limit", "followed"), [(1.2, 1.4, True), (4.0, 1.4, True), (4.0, 10.0, False)])
+def test_in_a_crowd_too_objects_are_followed_at_any_frame_rate(step_s, limit, followed):
+    """One walks between those who stand: there somebody else could be as near, and the place has to have a limit."""
+    frames = [seen((-200 + 20 * step_s * n, 0), *CROWD) for n in range(6)]
+    answers = _ids(frames, replace(BOXES, place_limit=limit), [step_s * n for n in range(6)])
+    assert [ids[0] for ids in answers] == [1 if followed else NO_ID] * 6
+
+
+@pytest.mark.parametrize("looks", [[ONE, OTHER], None])
+@pytest.mark.parametrize(("step_s", "boxes"), [(0.04, 1.0), (0.25, 2.0), (0.25, 4.0), (1.0, 6.0)])
+def test_who_is_alone_may_be_as_fast_as_it_likes(looks, step_s, boxes):
+    """From the second frame on; in a crowd that would be anybody."""
+    frames = [seen((100 + 40 * boxes * n, 100), (9000, 100), looks=looks) for n in range(6)]
+    assert _ids(frames, CONFIG, [step_s * n for n in range(6)]) == [[1, 2]] * 6
+    if step_s == 0.25:
+        crowd = [seen((-250 + 40 * boxes * n, 0), *CROWD) for n in range(3)]
+        assert _last(crowd, CONFIG, [step_s * n for n in range(3)])[0] == NO_ID
+
+
+def test_what_comes_and_goes_in_an_empty_picture_makes_no_identities():
+    """Without descriptors, one detection in two frames, anywhere."""
+    rng, given, count = np.random.default_rng(0), 0, 0
+    for step_s in (0.04, 0.25, 1.0):
+        frames = [seen(*rng.uniform(0, 800, (rng.poisson(0.5), 2)), scores=0.5) for _ in range(200)]
+        answers = _ids(frames, DefaultConfig(appearance=False), [step_s * n for n in range(200)])
+        given += sum(identity != NO_ID for ids in answers for identity in ids)
+        count += sum(len(ids) for ids in answers)
+    assert given < 0.04 * count
+
+
+@pytest.mark.parametrize("looks", [[ONE, OTHER], None])
+def test_who_turns_round_between_two_frames_is_followed(looks):
+    """Eight frames to the right, then to the left, 0.7 boxes a second, at one frame a second."""
+    way = [28 * min(n, 16 - n) for n in range(16)]
+    frames = [seen((100 + x, 100), (900, 100), looks=looks) for x in way]
+    times = [float(n) for n in range(16)]
+    assert _ids(frames, CONFIG, times) == [[1, 2]] * 16
+    steady = replace(CONFIG, motion=replace(CONFIG.motion, turn_share=0.0))
+    assert _last(frames, steady, times)[0] != 1
+
+
+def test_who_swings_is_followed():
+    """Two boxes to each side in three seconds, at eight frames a second: as fast as runners turn."""
+    times = [0.12 * n for n in range(60)]
+    frames = [seen((200 + 80 * np.sin(2 * np.pi * t / 3), 100), (900, 100)) for t in times]
+    assert _ids(frames, BOXES, times) == [[1, 2]] * 60
+    stiff = replace(BOXES, motion=replace(CONFIG.motion, lag=1e6, turn_share=0.0))
+    assert _last(frames, stiff, times)[0] != 1
 
 
 @pytest.mark.parametrize("size", [(20, 40), (40, 20), (100, 12), (12, 100)])
@@ -159,15 +210,15 @@ def test_nobody_is_looked_for_farther_away_than_twelve_boxes():
 
 
 def test_a_row_without_descriptor_is_matched_by_its_place_among_others_that_have_one():
-    """Two that were seen once, a second before and a box away; the first has no descriptor."""
-    frames = [seen((x, 100), (x, 500), looks=[[0, 0], ONE]) for x in (100, 140)]
-    assert _last(frames, CONFIG, [0.0, 1.0]) == [1, 2]
-    assert _last(frames, replace(CONFIG, appearance_absent=0.0), [0.0, 1.0]) == [NO_ID, 1]
+    """Two in a crowd were seen once, a second before and a box away; the first has no descriptor."""
+    frames = [seen((x, 0), (x, 120), *CROWD, looks=[[0, 0], ONE, *[OTHER] * len(CROWD)]) for x in (0, 40)]
+    assert _last(frames, CONFIG, [0.0, 1.0])[:2] == [1, 2]
+    assert _last(frames, replace(CONFIG, appearance_absent=0.0), [0.0, 1.0])[:2] == [NO_ID, 1]
 
 
 def test_what_a_missing_descriptor_is_worth_is_not_bounded_by_looks():
-    """Two seconds after it was seen once the place says no by more than 2."""
-    frames = [seen((x, 100), (500, 500), looks=[[0, 0], ONE]) for x in (100, 140)]
+    """Two seconds after it was seen once, in a crowd, the place says no by more than 2."""
+    frames = [seen((x, 0), *CROWD, looks=[[0, 0], *[ONE] * len(CROWD)]) for x in (0, 40)]
     for absent, found in ((1.0, NO_ID), (5.0, 1)):
         config = replace(CONFIG, place_limit=10.0, appearance_limit=1.0, appearance_absent=absent)
         assert _last(frames, config, [0.0, 2.0])[0] == found
@@ -217,10 +268,10 @@ def test_in_a_crowd_without_end_only_boxes_that_overlap_are_looked_at(monkeypatc
 
 
 def test_a_guess_without_descriptors_is_better_than_a_new_identity():
-    """A second after it was seen once, one box on."""
-    frames = [seen((x, 100)) for x in (100, 140)]
-    assert _ids(frames, BOXES, [0.0, 1.0]) == [[1], [1]]
-    assert _ids(frames, replace(BOXES, appearance_absent=0.0), [0.0, 1.0]) == [[NO_ID], [NO_ID]]
+    """A second after it was seen once, one box on, in a crowd."""
+    frames = [seen((x, 0), *CROWD) for x in (0, 40)]
+    assert _last(frames, BOXES, [0.0, 1.0])[0] == 1
+    assert _last(frames, replace(BOXES, appearance_absent=0.0), [0.0, 1.0])[0] == NO_ID
 
 
 def test_another_class_speaks_against_an_object():

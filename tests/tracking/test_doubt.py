@@ -24,7 +24,8 @@ def _frame(object_of):
     overlaps = overlaps_of(xyxy, 0.99)
     taken = np.array(object_of, np.int64)
     states = box_states(xyxy)
-    return Frame(xyxy, states, scores, labels, None, yes, yes, overlaps, taken, ~yes, xyxy.astype(np.float32))
+    whole = (0.0, 0.0, 100.0, 100.0)
+    return Frame(xyxy, states, scores, labels, None, yes, yes, overlaps, whole, taken, ~yes, xyxy.astype(np.float32))
 
 
 def _pairs(object_of, rows):

@@ -131,11 +131,12 @@ def _random_life(motions, rng, steps, check):
         motions.predict_(float(rng.choice([0.001, 0.04, 0.1, 0.5, 1.0, 3.0])), rng.random(1) < 0.5, CONFIG)
         check(motions)
         if rng.random() < 0.2:
-            motions.widen_(ONE, np.array([0.2]), CONFIG)
+            motions.widen_(ONE, np.array([0.2]), motions.more_speed(rng.random(1) < 0.5, CONFIG))
             check(motions)
         if rng.random() < 0.5:
             x, y = motions.place[0] + rng.normal(0, 20, 2)
-            motions.correct_(ONE, _states(x, y, 40 * np.exp(rng.normal(0, 0.3))), EVEN, CONFIG)
+            before = rng.normal(0, 0.5, (2, 1))
+            motions.correct_(ONE, _states(x, y, 40 * np.exp(rng.normal(0, 0.3))), EVEN, CONFIG, None, before)
             check(motions)
 
 
@@ -180,9 +181,35 @@ def test_widened_is_what_a_fast_object_would_have_had_from_the_start():
     for motions in (fast, late):
         motions.predict_(0.2, STILL, plain)
     elapsed_s = np.array([0.2])
-    assert late.widened(elapsed_s, CONFIG)[0] == pytest.approx(fast.place_variance[0])
-    late.widen_(ONE, elapsed_s, CONFIG)
+    more = late.more_speed(np.array([True]), CONFIG)
+    assert (late.place_variance + more * elapsed_s**2)[0] == pytest.approx(fast.place_variance[0])
+    late.widen_(ONE, elapsed_s, more)
     np.testing.assert_allclose(_matrix(late), _matrix(fast))
+
+
+def test_surprises_the_same_way_widen_the_filter_and_others_do_not():
+    """Half a box to the right twice: the velocity follows as in a filter whose covariances are that much larger."""
+
+    def corrected(before, lag=1.0, widened=1.0, shares=None):
+        motions, config = _begin(), replace(CONFIG, lag=lag)
+        motions.predict_(0.1, STILL, config)
+        for row in (6, 8, 10):
+            motions.values[row] *= widened
+        was = motions.values[6, 0]
+        motions.correct_(ONE, _states(100 + 20, 50, 40.0), EVEN, config, shares, before)
+        return motions.values, was
+
+    plain, variance = corrected(None)
+    for before in ([[-0.5], [0.0]], [[0.0], [0.5]], [[0.05], [0.0]], [[np.inf], [np.inf]]):
+        np.testing.assert_array_equal(corrected(np.array(before))[0], plain)
+    same_way = np.array([[0.5], [0.0]])
+    np.testing.assert_array_equal(corrected(same_way, lag=1e6)[0], plain)
+    total = variance + (CONFIG.place_noise * 40) ** 2
+    excess = 0.5 * 20.0 * 20.0 - total
+    assert excess > 0
+    expected, _ = corrected(None, widened=1 + excess / variance)
+    np.testing.assert_allclose(corrected(same_way)[0], expected, rtol=1e-12)
+    assert plain[4, 0] < corrected(same_way, shares=np.full(1, 0.99))[0][4, 0] < expected[4, 0]
 
 
 def test_camera_moves_places_speeds_and_sizes():
@@ -323,10 +350,11 @@ def test_a_wide_box_moves_as_a_tall_one():
         motions.predict_(0.3, STILL, CONFIG)
         motions.correct_(ONE, np.array([[5, 3, *np.log(size)]]), EVEN, CONFIG)
         motions.predict_(2.0, ~STILL, CONFIG)
-        motions.widen_(ONE, np.full(1, 0.5), CONFIG)
+        motions.widen_(ONE, np.full(1, 0.5), motions.more_speed(np.array([True]), CONFIG))
     places = [0, 1, *range(4, 15)]
     np.testing.assert_array_equal(tall.values[places], wide.values[places])
-    np.testing.assert_array_equal(tall.widened(np.full(1, 0.5), CONFIG), wide.widened(np.full(1, 0.5), CONFIG))
+    for is_new in (np.array([True]), np.array([False])):
+        np.testing.assert_array_equal(tall.more_speed(is_new, CONFIG), wide.more_speed(is_new, CONFIG))
 
 
 @pytest.mark.parametrize(("share", "factor"), [(1.0, 1.0), (0.5, 4.0), (0.25, 16.0)])

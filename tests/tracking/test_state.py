@@ -74,7 +74,7 @@ def test_the_scene_has_what_a_state_must_hold() -> None:
         held |= {"rows that wait"} if rule.waiting else set()
         held |= {"confirmed"} if (rule.objects.ids > 0).sum() > 3 else set()
         held |= {"views"} if (rule.looks.view_count > 0).any() else set()
-        held |= {"hidden"} if (rule.objects.seen_s < rule.now_s).any() else set()
+        held |= {"hidden"} if (rule.objects.seen_s < rule.clock.now_s).any() else set()
         held |= {"scores"} if rule.moving.count else set()
         held |= {"surprises"} if rule.own_boxes.steadying.pairs > 50 else set()
         held |= {"gaps"} if len(tracker.filled) else set()
@@ -119,7 +119,7 @@ def test_counts_go_on(tmp_path: Path) -> None:
     tracker.save(tmp_path / "state")
     loaded = Tracker.load(tmp_path / "state")
     assert loaded.dropped_rows == 1
-    assert loaded._rule.clock_faults == 1
+    assert loaded._rule.clock.faults == 1
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +192,9 @@ def test_what_is_no_state_is_one_line(saved: Path, tmp_path: Path, changes) -> N
     assert "\n" not in str(caught.value)
 
 
+CLOCK = {"frame": 100, "now_s": 4.0, "given_s": 4.0, "offset_s": 0.0, "faults": 0}
+
+
 @pytest.mark.parametrize(
     ("name", "place", "value"),
     [
@@ -224,9 +227,11 @@ def test_numbers_that_would_spoil_the_stream_are_refused(saved: Path, tmp_path: 
         pytest.param({"next_id": "many"}, "next_id", id="no number"),
         pytest.param({"size": -1}, "size", id="negative size"),
         pytest.param({"config": {"unknown": 1}}, "state", id="unknown settings"),
-        pytest.param({"now_s": None}, "state", id="no clock"),
-        pytest.param({"now_s": float("inf")}, "now_s", id="endless clock"),
-        pytest.param({"offset_s": float("nan")}, "offset_s", id="no offset"),
+        pytest.param({"clock": None}, "state", id="no clock"),
+        pytest.param({"clock": CLOCK | {"now_s": None}}, "state", id="no time"),
+        pytest.param({"clock": CLOCK | {"now_s": float("inf")}}, "now_s", id="endless clock"),
+        pytest.param({"clock": CLOCK | {"offset_s": float("nan")}}, "offset_s", id="no offset"),
+        pytest.param({"clock": CLOCK | {"frame": 1.5}}, "frame", id="half a frame"),
     ],
 )
 def test_what_the_text_says_is_checked(saved: Path, tmp_path: Path, change, message) -> None:

@@ -50,6 +50,7 @@ class Frame:
         has_jumped: (N,) bool, whether the object turns out to be a fast one, or to have turned.
         reported: (N, 4) float32, the boxes to give out.
         shares: (N,) float64 of the rows' own objects, as ``own_shares`` has them; None: all are certain.
+        jolt: (2,) float64 px, how far the whole picture has jumped; None: it has not.
     """
 
     xyxy: NDArray[np.float64]
@@ -65,6 +66,7 @@ class Frame:
     has_jumped: NDArray[np.bool_]
     reported: NDArray[np.float32]
     shares: NDArray[np.float64] | None = None
+    jolt: NDArray[np.float64] | None = None
 
 
 def best_first(

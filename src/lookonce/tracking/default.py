@@ -17,10 +17,12 @@ from lookonce.distances import COARSE, Quantized, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, Filled, GivenBack, Tracks
 from lookonce.tracking.candidates import TOUCHING, Frame, Pairs, best_first, find_pairs
+from lookonce.tracking.clock import LEAST_STEP_S, Clock
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.doubt import clean_rows, own_shares
 from lookonce.tracking.explaining import Notes, tell
+from lookonce.tracking.jolts import Jolt, find_jolt
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import MovingScores, Objects
@@ -31,7 +33,6 @@ from lookonce.tracking.waiting import Waiting, WaitingRow
 
 __all__ = ["DefaultRule"]
 
-_LEAST_STEP_S = 1e-3
 _BORDERS = 10  # objects: where so many have been says where the picture ends
 _FAR = 4.0  # distance, more than two descriptors can have
 _MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
@@ -47,14 +48,10 @@ class DefaultRule:
         self.waiting = Waiting(config.given_back_rows)
         self.next_id = 1
         self.next_serial = 0
-        self.frame = -1
-        self.now_s = 0.0
-        self.given_s = 0.0  # the last time as it was given,
-        self.offset_s = 0.0  # and how far the clock here is ahead of those given
+        self.clock = Clock()
         self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
         self.moving = MovingScores()
         self.own_boxes = OwnBoxes(config)
-        self.clock_faults = 0
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
         self._frame_number = 0
@@ -85,12 +82,12 @@ class DefaultRule:
             ValueError: descriptors of another length than before.
         """
         self._ended.clear()
-        step_s = self._advance(time_s)
-        self._numbers, self._frame_number = numbers, self.frame if frame_number is None else frame_number
+        step_s = self.clock.advance(time_s, self.config.frame_rate)
+        self._numbers, self._frame_number = numbers, self.clock.frame if frame_number is None else frame_number
         self._predict(step_s, camera)
         frame = self._look_at(detections, size)
-        unseen_s = self.now_s - self.objects.seen_s
-        pairs = find_pairs(self.objects, unseen_s, unseen_s <= 1.01 * step_s, frame, self.config)
+        unseen_s = self.clock.now_s - self.objects.seen_s
+        pairs = self._find_pairs(frame, unseen_s, step_s)
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         is_known = self.objects.ids != NO_ID
         self._match_all(frame, pairs, is_known)
@@ -102,14 +99,14 @@ class DefaultRule:
             frame.shares = own_shares(frame, pairs, is_known & self._is_recent)
         notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
         filled = self._see(frame, rows, seen, unseen_s)
-        self.own_boxes.end_frame(self._frame_number, self.now_s)
+        self.own_boxes.end_frame(self._frame_number, self.clock.now_s)
         ids, labels, given_back = self._answer(frame, rows, seen)
         unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
         new = self._begin(frame)
         if frame.looks is not None:
             if len(new):
                 slots, rows = np.concatenate([slots, self.objects.slots[-len(new) :]]), np.concatenate([rows, new])
-            self.looks.remember(slots, frame.looks, rows, is_clean, self.now_s)
+            self.looks.remember(slots, frame.looks, rows, is_clean, self.clock.now_s)
         return Tracks(
             ids,
             frame.reported,
@@ -140,27 +137,9 @@ class DefaultRule:
         likeness[distance == np.inf] = self.config.appearance_absent
         return likeness
 
-    def _advance(self, time_s: float | None) -> float:
-        """Seconds since the frame before."""
-        self.frame += 1
-        if self.frame == 0:
-            self.now_s = self.given_s = 0.0 if time_s is None else time_s
-            return 0.0
-        step_s = 1.0 / self.config.frame_rate if time_s is None else time_s + self.offset_s - self.now_s
-        if step_s < _LEAST_STEP_S:
-            self.clock_faults += 1
-            # Twice in a row on an earlier clock that goes forward: it was set back, and goes on from there.
-            step_s = _LEAST_STEP_S
-            if time_s is not None and time_s - self.given_s >= _LEAST_STEP_S:
-                step_s = time_s - self.given_s
-                self.offset_s = self.now_s - self.given_s
-        self.now_s += step_s
-        self.given_s = self.now_s if time_s is None else time_s
-        return step_s
-
     def _predict(self, step_s: float, camera: NDArray[np.float64] | None) -> None:
         """Where the objects are now; those that a gap outlived are gone."""
-        unseen_s = self.now_s - self.objects.seen_s
+        unseen_s = self.clock.now_s - self.objects.seen_s
         gone = unseen_s > self.config.memory_s
         if np.count_nonzero(gone):
             if self.explains:
@@ -168,7 +147,7 @@ class DefaultRule:
                 self._note_ends(gone, [nothing or f"not seen for {unseen:.1f} s" for unseen in unseen_s])
             self._forget(gone)
         objects = self.objects
-        is_unseen = objects.seen_s < self.now_s - step_s - _LEAST_STEP_S / 2
+        is_unseen = objects.seen_s < self.clock.now_s - step_s - LEAST_STEP_S / 2
         objects.motions.predict_(step_s, is_unseen, self.config.motion)
         if camera is not None:
             objects.move_camera_(camera)
@@ -219,6 +198,25 @@ class DefaultRule:
             return Overlaps(rows[among.a], rows[among.b], among.overlap), is_usable
         twins = overlaps.above(config.same_overlap)
         return overlaps, keep_best(twins, best_first(scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))
+
+    def _find_pairs(self, frame: Frame, unseen_s: NDArray[np.float64], step_s: float) -> Pairs:
+        """Objects and rows that are near each other, after the picture has jumped if it did."""
+        was_seen = unseen_s <= 1.01 * step_s
+        pairs = find_pairs(self.objects, unseen_s, was_seen, frame, self.config)
+        jolt = find_jolt(self.objects, was_seen, frame, pairs) if self.config.jolts else None
+        if jolt is None or not self._looks_true(jolt, frame):
+            return pairs
+        frame.jolt = jolt.shift
+        self.objects.move_camera_(np.column_stack([np.eye(2), jolt.shift]))
+        return find_pairs(self.objects, unseen_s, was_seen, frame, self.config)
+
+    def _looks_true(self, jolt: Jolt, frame: Frame) -> bool:
+        """Whether those who agree look as they did; one object alone has to."""
+        if frame.looks is None:
+            return len(jolt.objects) > 1
+        distances = self.looks.distances(self.objects.slots[jolt.objects], frame.looks, jolt.rows)
+        known = distances[distances < np.inf]
+        return bool(np.median(known) <= self.config.match_threshold) if len(known) else len(jolt.objects) > 1
 
     def _match_all(self, frame: Frame, pairs: Pairs, is_known: NDArray[np.bool_]) -> None:
         """First the rows of high score and the confirmed objects (P,), then the weaker rows, then the other objects."""
@@ -303,12 +301,12 @@ class DefaultRule:
         labels, scores = frame.labels[rows], frame.scores[rows]
         shares = None if frame.shares is None else frame.shares[rows]
         correction = objects.motions.correct_(seen, states, scores, self.config.motion, shares, sightings.before[:2])
-        boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.now_s)
-        objects.see_(seen, labels, scores, self.now_s, self.config.evidence, self.moving)
+        boxes = self.own_boxes.give_out(frame, objects, sightings, correction, self.clock.now_s)
+        objects.see_(seen, labels, scores, self.clock.now_s, self.config.evidence, self.moving)
         confirmed = (objects.is_real & (objects.ids == NO_ID)).nonzero()[0]
         objects.ids[confirmed] = np.arange(self.next_id, self.next_id + len(confirmed))
         self.next_id += len(confirmed)
-        return self.own_boxes.fill(objects, sightings, boxes, self.now_s)
+        return self.own_boxes.fill(objects, sightings, boxes, self.clock.now_s)
 
     def _answer(
         self, frame: Frame, rows: NDArray[np.intp], seen: NDArray[np.int64]
@@ -390,7 +388,7 @@ class DefaultRule:
         rows = rows[np.argsort(-frame.scores[rows], kind="stable")]  # ids do not depend on the order of rows
         serials = np.arange(self.next_serial, self.next_serial + len(rows))
         self.next_serial += len(rows)
-        rest = frame.labels[rows], frame.scores[rows], frame.states[rows], self.now_s, self.config.motion
+        rest = frame.labels[rows], frame.scores[rows], frame.states[rows], self.clock.now_s, self.config.motion
         self.objects = self.objects.joined(Objects.begin(serials, self.looks.take(len(rows)), *rest))
         for serial, row in zip(serials.tolist(), rows.tolist(), strict=True):
             self._wait(serial, row, frame)

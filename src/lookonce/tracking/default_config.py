@@ -55,6 +55,7 @@ class DefaultConfig:
         steady: whether boxes are made steadier, as far as the detector's own noise goes; else they are as detected.
         fill_s: a confirmed object that is seen again after at most so long gets boxes for the frames in which it was
             missed, on the straight line between, s; 0: never. At most 256 frames.
+        jolts: whether a jump of the whole picture, of which no camera motion tells, is found from the boxes.
         frame_rate: frames a second where no times are given.
         motion: how objects move.
         evidence: when an object is taken as real.
@@ -88,6 +89,7 @@ class DefaultConfig:
     given_back_rows: int = 256
     steady: bool = True
     fill_s: float = 2.0
+    jolts: bool = True
     frame_rate: float = 25.0
     motion: MotionConfig = field(default_factory=MotionConfig)
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)

@@ -80,6 +80,11 @@ def _row(
         shares = notes.frame.shares
         if shares is not None and shares[row] < _SURE:
             reason += f", by its place only {shares[row]:.0%} sure, so it moves the object less"
+        if notes.pairs.is_jump[by_gain[0]]:
+            reason += ", at another speed than was believed"
+        if notes.frame.jolt is not None:
+            x, y = notes.frame.jolt.tolist()
+            reason += f", after the whole picture has jumped by {x:.0f}, {y:.0f} px"
     return RowStory(row, decision, reason, candidates)
 
 

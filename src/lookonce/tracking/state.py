@@ -16,6 +16,7 @@ from lookonce.array_file import read_arrays, write_arrays
 from lookonce.distances import FINE, Quantized
 from lookonce.errors import ConfigError, FormatError
 from lookonce.structures import NO_ID
+from lookonce.tracking.clock import Clock
 from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.filling import MOST_PASSED
@@ -90,14 +91,8 @@ def save_rule(path: Path, rule: DefaultRule | PaperRule, dropped_rows: int) -> N
     if isinstance(rule, PaperRule):
         about["preset"], arrays = "paper", _of_paper(rule)
     else:
-        about |= {"preset": "default", "frame": rule.frame, "next_serial": rule.next_serial}
-        about |= {
-            "clock_faults": rule.clock_faults,
-            "now_s": rule.now_s,
-            "given_s": rule.given_s,
-            "offset_s": rule.offset_s,
-            "size": rule.looks.size,
-        }
+        about |= {"preset": "default", "next_serial": rule.next_serial, "size": rule.looks.size}
+        about["clock"] = asdict(rule.clock)
         arrays = _of_default(rule)
     text = json.dumps(about, allow_nan=False).encode()
     write_arrays(path, {"about": np.frombuffer(text, np.uint8), **arrays})
@@ -165,10 +160,8 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     settings = dict(about["config"])
     motion, evidence = MotionConfig(**settings.pop("motion")), EvidenceConfig(**settings.pop("evidence"))
     rule = DefaultRule(DefaultConfig(**settings, motion=motion, evidence=evidence))
-    rule.frame, rule.clock_faults = _count(about, "frame", -1), _count(about, "clock_faults")
+    rule.clock = _clock(about["clock"])
     rule.next_id, rule.next_serial = _count(about, "next_id", 1), _count(about, "next_serial")
-    rule.now_s = float(about["now_s"])
-    rule.given_s, rule.offset_s = float(about["given_s"]), float(about["offset_s"])
     count = len(arrays["ids"])
     shapes: dict[str, tuple[int, ...]] = {name: (count, *_WIDTHS.get(name, ())) for name in _OBJECTS}
     _check(
@@ -178,9 +171,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     )
     _check_filters(arrays["motions"])
     _check_surprises(arrays["surprise"])
-    if not all(math.isfinite(one) for one in (rule.now_s, rule.given_s, rule.offset_s)):
-        raise ValueError("now_s, given_s, offset_s: expected finite seconds")
-    if (arrays["seen_s"] > rule.now_s).any():
+    if (arrays["seen_s"] > rule.clock.now_s).any():
         raise ValueError("seen_s: expected times up to the last frame's")
     if (np.diff(arrays["serials"]) <= 0).any() or (arrays["serials"] >= rule.next_serial).any():
         raise ValueError("serials: expected rising numbers that were given out")
@@ -190,7 +181,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.extent = arrays["extent"]
     rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
     rule.own_boxes.steadying.restore(arrays["steadying"])
-    rule.own_boxes.last_s = rule.now_s
+    rule.own_boxes.last_s = rule.clock.now_s
     _restore_passed(rule, arrays)
     _restore_looks(rule, about["size"], arrays, count)
     none = np.zeros(count, np.int64)
@@ -202,6 +193,14 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.objects.motions.values[:] = arrays["motions"]
     _restore_waiting(rule, arrays)
     return rule
+
+
+def _clock(about: dict[str, Any]) -> Clock:
+    seconds = [float(about[name]) for name in ("now_s", "given_s", "offset_s")]
+    if not all(math.isfinite(one) for one in seconds):
+        raise ValueError("now_s, given_s, offset_s: expected finite seconds")
+    now_s, given_s, offset_s = seconds
+    return Clock(_count(about, "frame", -1), now_s, given_s, offset_s, _count(about, "faults"))
 
 
 def _check_filters(values: NDArray[np.float64]) -> None:
@@ -219,7 +218,7 @@ def _check_surprises(values: NDArray[np.float64]) -> None:
 def _restore_passed(rule: DefaultRule, arrays: dict[str, NDArray[Any]]) -> None:
     count = len(arrays["passed"])
     _check(arrays, {"passed": (count,), "passed_s": (count,)})
-    if count > MOST_PASSED or (np.diff(arrays["passed_s"]) < 0).any() or (arrays["passed_s"] > rule.now_s).any():
+    if count > MOST_PASSED or (np.diff(arrays["passed_s"]) < 0).any() or (arrays["passed_s"] > rule.clock.now_s).any():
         raise ValueError(f"passed: expected at most {MOST_PASSED} frames at times that do not fall")
     rule.own_boxes.passed.frames.extend(zip(arrays["passed"].tolist(), arrays["passed_s"].tolist(), strict=True))
 

@@ -1,0 +1,77 @@
+"""Where the whole picture jumped: the one shift under which most objects are where something was detected.
+
+A camera that is bumped, or turns faster than its frames come, leaves no object where it was expected. Objects that move
+by themselves do not agree on a shift, so it is found by a vote of all pairs, as in the Hough transform.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.tracking.candidates import Frame, Pairs
+from lookonce.tracking.motion import log_sides
+from lookonce.tracking.objects import Objects
+
+__all__ = ["Jolt", "find_jolt"]
+
+_F = NDArray[np.float64]
+
+_MOST = 250_000  # pairs of objects and detections; where there are more, nothing is looked for
+_SHARE = 0.6  # of the objects seen in the frame before so many have to agree,
+_FEW = 4  # of fewer than so many all, and with all that is detected
+_FARTHEST = 12.0  # boxes, in x and in y
+_CELL = 0.5  # boxes; votes within a square of two by two cells agree
+_SIDE = 2 * int(_FARTHEST / _CELL) + 4  # cells of all that is looked at
+
+
+class Jolt(NamedTuple):
+    """A jump of the whole picture.
+
+    Attributes:
+        shift: (2,) float64 px, x and y.
+        objects, rows: (M,) int64, which places and detections agree on it.
+    """
+
+    shift: _F
+    objects: NDArray[np.int64]
+    rows: NDArray[np.int64]
+
+
+def find_jolt(objects: Objects, was_seen: NDArray[np.bool_], frame: Frame, pairs: Pairs) -> Jolt | None:
+    """How far the picture jumped; None: it did not, or nothing says how far.
+
+    Args:
+        objects: P of them, where they are expected.
+        was_seen: (P,) bool, in the frame before.
+        frame: its rows.
+        pairs: of both.
+    """
+    is_missed = was_seen.copy()
+    is_missed[pairs.objects[(pairs.overlap > 0) & (pairs.gains > -np.inf)]] = False
+    count = np.count_nonzero(was_seen)
+    least = count if count < _FEW else max(_FEW, _SHARE * count)
+    if not count or np.count_nonzero(is_missed) < least:
+        return None
+    seen, rows = was_seen.nonzero()[0], frame.is_usable.nonzero()[0]
+    if len(rows) < least or len(rows) * count > _MOST or (count < _FEW and len(rows) > count):
+        return None
+    values = objects.motions.values.take(seen, axis=1)
+    cell = _CELL * float(np.median(np.exp(log_sides(values))))
+    apart = (frame.states.T[:2].take(rows, axis=1)[:, np.newaxis] - values[:2, :, np.newaxis]) / cell  # (2, Q, N)
+    near = (np.abs(apart).max(axis=0) < _FARTHEST / _CELL).ravel().nonzero()[0]
+    x, y = apart.reshape(2, -1).take(near, axis=1)
+    column, line = np.floor(x).astype(np.int64) + _SIDE // 2, np.floor(y).astype(np.int64) + _SIDE // 2
+    # Each pair is in four squares of two by two cells, called by their last cell; an object votes once for each.
+    squares = np.concatenate([(line + down) * _SIDE + column + right for down in (0, 1) for right in (0, 1)])
+    votes = np.unique(np.tile(near // len(rows), 4) * _SIDE**2 + squares) % _SIDE**2
+    counts = np.bincount(votes, minlength=_SIDE**2)
+    best = int(counts.argmax())
+    if counts[best] < least:
+        return None
+    down, right = best // _SIDE - _SIDE // 2, best % _SIDE - _SIDE // 2
+    agree = (np.abs(x - right) <= 1) & (np.abs(y - down) <= 1)
+    shift = np.array([np.median(x[agree]), np.median(y[agree])]) * cell
+    return Jolt(shift, seen[near[agree] // len(rows)], rows[near[agree] % len(rows)])
