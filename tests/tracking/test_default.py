@@ -151,9 +151,11 @@ def test_in_a_crowd_too_objects_are_followed_at_any_frame_rate(step_s, limit, fo
 @pytest.mark.parametrize("looks", [[ONE, OTHER], None])
 @pytest.mark.parametrize(("step_s", "boxes"), [(0.04, 1.0), (0.25, 2.0), (0.25, 4.0), (1.0, 6.0)])
 def test_who_is_alone_may_be_as_fast_as_it_likes(looks, step_s, boxes):
-    """From the second frame on; in a crowd that would be anybody."""
-    frames = [seen((100 + 40 * boxes * n, 100), (9000, 100), looks=looks) for n in range(6)]
-    assert _ids(frames, CONFIG, [step_s * n for n in range(6)]) == [[1, 2]] * 6
+    """From the second frame on, and when it is missed; in a crowd that would be anybody."""
+    frames = [seen((100 + 40 * boxes * n, 100), (9000, 100), looks=looks) for n in range(9)]
+    frames[6] = seen((9000, 100), looks=None if looks is None else looks[1:])
+    answers = _ids(frames, CONFIG, [step_s * n for n in range(9)])
+    assert answers == [*[[1, 2]] * 6, [2], *[[1, 2]] * 2]
     if step_s == 0.25:
         crowd = [seen((-250 + 40 * boxes * n, 0), *CROWD) for n in range(3)]
         assert _last(crowd, CONFIG, [step_s * n for n in range(3)])[0] == NO_ID

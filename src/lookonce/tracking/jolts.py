@@ -49,9 +49,11 @@ def find_jolt(objects: Objects, was_seen: NDArray[np.bool_], frame: Frame, pairs
         frame: its rows.
         pairs: of both.
     """
-    is_missed = was_seen.copy()
-    is_missed[pairs.objects[(pairs.overlap > 0) & (pairs.gains > -np.inf)]] = False
-    count = np.count_nonzero(was_seen)
+    count, is_missed = np.count_nonzero(was_seen), was_seen.copy()
+    is_met = pairs.gains > -np.inf
+    if count >= _FEW:  # many that go the same way do not do so by themselves; of a few each may be fast
+        is_met &= pairs.overlap > 0
+    is_missed[pairs.objects[is_met]] = False
     least = count if count < _FEW else max(_FEW, _SHARE * count)
     if not count or np.count_nonzero(is_missed) < least:
         return None
