@@ -179,7 +179,7 @@ def test_who_turns_round_between_two_frames_is_followed(looks):
     frames = [seen((100 + x, 100), (900, 100), looks=looks) for x in way]
     times = [float(n) for n in range(16)]
     assert _ids(frames, CONFIG, times) == [[1, 2]] * 16
-    steady = replace(CONFIG, motion=replace(CONFIG.motion, turn_share=0.0))
+    steady = replace(CONFIG, motion=replace(CONFIG.motion, turn_share=0.0, alone_speed=0.0))
     assert _last(frames, steady, times)[0] != 1
 
 
@@ -188,7 +188,7 @@ def test_who_swings_is_followed():
     times = [0.12 * n for n in range(60)]
     frames = [seen((200 + 80 * np.sin(2 * np.pi * t / 3), 100), (900, 100)) for t in times]
     assert _ids(frames, BOXES, times) == [[1, 2]] * 60
-    stiff = replace(BOXES, motion=replace(CONFIG.motion, lag=1e6, turn_share=0.0))
+    stiff = replace(BOXES, motion=replace(CONFIG.motion, lag=1e6, turn_share=0.0, alone_speed=0.0))
     assert _last(frames, stiff, times)[0] != 1
 
 
@@ -538,7 +538,7 @@ def test_descriptor_of_a_box_behind_which_another_object_is_hidden_is_not_kept()
 
 
 def test_without_fast_objects_a_jump_is_none():
-    slow = replace(CONFIG, motion=replace(CONFIG.motion, jump_share=0.0))
+    slow = replace(CONFIG, motion=replace(CONFIG.motion, jump_share=0.0, alone_speed=0.0))
     frames = _moving(6, speed=24)
     assert _ids(frames) == [[1, 2]] * 6
     assert _ids(frames, slow) != [[1, 2]] * 6

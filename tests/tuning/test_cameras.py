@@ -63,7 +63,7 @@ def test_objects_are_kept_through_a_jerk_of_the_camera_that_is_known():
     )
     camera = np.array([[1.0, 0, 0], [0, 1, jerk]])
     told = replace(moved, cameras={1: {10: camera}})
-    config = DefaultConfig(appearance=False)
+    config = DefaultConfig(appearance=False, jolts=False)
     (without,), (with_camera,) = (Scorer([one], [1]).scores(config) for one in (moved, told))
     assert (without.counts.tracks, with_camera.counts.tracks) == (4, 2)
     assert with_camera.identity.idf1 == 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import TooManyPairsError, near_pairs
 
-__all__ = ["LARGEST_DEVIATION", "TOUCHING", "Frame", "Pairs", "best_first", "find_pairs"]
+__all__ = ["LARGEST_DEVIATION", "TOUCHING", "Frame", "Pairs", "find_pairs"]
 
 LARGEST_DEVIATION = 4.0
 """Standard deviations: pairs farther apart are not looked at."""
@@ -67,13 +66,6 @@ class Frame:
     reported: NDArray[np.float32]
     shares: NDArray[np.float64] | None = None
     jolt: NDArray[np.float64] | None = None
-
-
-def best_first(
-    scores: NDArray[np.float64], looks: Quantized | None
-) -> Callable[[int], tuple[np.float64, np.bool_ | bool, int]]:
-    """What rows are sorted by: falling ``scores`` (N,); of equal ones those with a descriptor, then in their order."""
-    return lambda row: (-scores[row], looks is not None and looks.squared_lengths[row] == 0, row)
 
 
 @dataclass(slots=True)

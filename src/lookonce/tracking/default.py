@@ -13,10 +13,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.distances import COARSE, Quantized, quantize
+from lookonce.distances import COARSE, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, Filled, GivenBack, Tracks
-from lookonce.tracking.candidates import TOUCHING, Frame, Pairs, best_first, find_pairs
+from lookonce.tracking.alone import pairs_alone
+from lookonce.tracking.candidates import TOUCHING, Frame, Pairs, find_pairs
 from lookonce.tracking.clock import LEAST_STEP_S, Clock
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
@@ -26,16 +27,14 @@ from lookonce.tracking.jolts import Jolt, find_jolt
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import MovingScores, Objects
-from lookonce.tracking.overlapping import Overlaps, keep_best, overlaps_of, thinned
+from lookonce.tracking.overlapping import best_first, keep_best, usable_rows
 from lookonce.tracking.own_boxes import OwnBoxes, Sightings
-from lookonce.tracking.pairs import TooManyPairsError
 from lookonce.tracking.waiting import Waiting, WaitingRow
 
 __all__ = ["DefaultRule"]
 
 _BORDERS = 10  # objects: where so many have been says where the picture ends
 _FAR = 4.0  # distance, more than two descriptors can have
-_MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
 
 
 class DefaultRule:
@@ -91,6 +90,7 @@ class DefaultRule:
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         is_known = self.objects.ids != NO_ID
         self._match_all(frame, pairs, is_known)
+        self._match_alone(frame, pairs, is_known & (unseen_s <= 1.01 * step_s), step_s)
         is_clean = clean_rows(frame, pairs, is_known & (unseen_s < self.config.hidden_s), self.config)
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
@@ -159,7 +159,7 @@ class DefaultRule:
         if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
             self.looks.check_size(detections.descriptors.shape[1])
             looks = quantize(detections.descriptors, COARSE)
-        overlaps, is_usable = self._overlaps(columns.T, scores, looks)
+        overlaps, is_usable = usable_rows(columns.T, scores, looks, config)
         usable_count = np.count_nonzero(is_usable)
         if usable_count:
             usable = columns if usable_count == len(scores) else columns[:, is_usable]
@@ -180,24 +180,6 @@ class DefaultRule:
             np.zeros(len(scores), np.bool_),
             detections.xyxy,
         )
-
-    def _overlaps(
-        self, xyxy: NDArray[np.float64], scores: NDArray[np.float64], looks: Quantized | None
-    ) -> tuple[Overlaps, NDArray[np.bool_]]:
-        """The boxes that overlap, and which rows are neither too weak nor second boxes of one object (N,)."""
-        config = self.config
-        is_wanted = scores >= config.low_score
-        least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
-        try:
-            overlaps = overlaps_of(xyxy, least, _MOST_PAIRS)
-        except TooManyPairsError:  # then only those that stay are looked at
-            order = np.array(sorted(range(len(scores)), key=best_first(scores, looks)))
-            is_usable = thinned(xyxy, order, is_wanted, config.same_overlap)
-            rows = np.flatnonzero(is_usable)
-            among = overlaps_of(xyxy[rows], least)
-            return Overlaps(rows[among.a], rows[among.b], among.overlap), is_usable
-        twins = overlaps.above(config.same_overlap)
-        return overlaps, keep_best(twins, best_first(scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))
 
     def _find_pairs(self, frame: Frame, unseen_s: NDArray[np.float64], step_s: float) -> Pairs:
         """Objects and rows that are near each other, after the picture has jumped if it did."""
@@ -229,6 +211,15 @@ class DefaultRule:
         self._match(frame, pairs, left[is_near & (is_known & self._is_recent)[objects]])
         left = left[~is_known[objects] & (is_near | is_high[left])]
         self._match(frame, pairs, left[pairs.are_left(frame)[left]])
+
+    def _match_alone(self, frame: Frame, pairs: Pairs, was_seen: NDArray[np.bool_], step_s: float) -> None:
+        """Rows for those of the objects (P,) that are alone, unless they look different."""
+        objects, rows = pairs_alone(self.objects, was_seen, frame, pairs, step_s, self.config)
+        if frame.looks is not None and len(rows):
+            distances = self.looks.distances(self.objects.slots[objects], frame.looks, rows)
+            alike = (self._likeness(distances) + self.config.appearance_absent > 0).nonzero()[0]
+            objects, rows = objects[alike], rows[alike]
+        frame.object_of[rows], frame.has_jumped[rows], pairs.is_taken[objects] = objects, True, True
 
     def _match(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> None:
         """Give rows the best of the objects that may take them; of the chosen pairs neither side is taken."""

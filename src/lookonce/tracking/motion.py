@@ -67,6 +67,9 @@ class MotionConfig:
         turn_speed: what was seen in the frame before may have turned since: its velocity has changed by so much in x
             and in y, boxes / s, standard deviation;
         turn_share: in this share of all frames.
+        alone_speed: an object that was seen in the frame before and is not found now, and a detection that is nobody's,
+            are one if they are less than half a box and so many boxes / s apart and nobody else is near
+            (``lookonce.tracking.alone``); 0: they are not.
         slow_down_s: an unseen object loses its speed and growth with this time constant, s.
         growth: standard deviation of the growth of an object seen once, and its bound later, 1 / s; 0: nothing grows.
         growth_drift: spectral density of its change, 1 / s^1.5.
@@ -86,6 +89,7 @@ class MotionConfig:
     jump_share: float = 0.3
     turn_speed: float = 1.5
     turn_share: float = 0.1
+    alone_speed: float = 8.0
     slow_down_s: float = 2.5
     growth: float = 0.3
     growth_drift: float = 0.15

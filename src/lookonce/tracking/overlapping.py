@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.boxes import iou_of_pairs
-from lookonce.tracking.pairs import expanded, near_pairs, unravelled
+from lookonce.distances import Quantized
+from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.pairs import TooManyPairsError, expanded, near_pairs, unravelled
 
-__all__ = ["Overlaps", "keep_best", "overlaps_of", "thinned"]
+__all__ = ["Overlaps", "best_first", "keep_best", "overlaps_of", "thinned", "usable_rows"]
 
+_MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
 _MOST_SWEPT = 1 << 20  # pairs of boxes of which one lies over, under or on the other, 50 MB; then a grid finds fewer
 
 
@@ -99,6 +102,13 @@ def thinned(
     return stays
 
 
+def best_first(
+    scores: NDArray[np.float64], looks: Quantized | None
+) -> Callable[[int], tuple[np.float64, np.bool_ | bool, int]]:
+    """What rows are sorted by: falling ``scores`` (N,); of equal ones those with a descriptor, then in their order."""
+    return lambda row: (-scores[row], looks is not None and looks.squared_lengths[row] == 0, row)
+
+
 def keep_best(
     overlaps: Overlaps, key: Callable[[int], Any], is_wanted: NDArray[np.bool_], is_set: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
@@ -124,3 +134,21 @@ def keep_best(
             if stays[row]:
                 best.add(row)
     return stays
+
+
+def usable_rows(
+    xyxy: NDArray[np.float64], scores: NDArray[np.float64], looks: Quantized | None, config: DefaultConfig
+) -> tuple[Overlaps, NDArray[np.bool_]]:
+    """The boxes (N, 4) that overlap, and which rows are neither too weak nor second boxes of one object (N,)."""
+    is_wanted = scores >= config.low_score
+    least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
+    try:
+        overlaps = overlaps_of(xyxy, least, _MOST_PAIRS)
+    except TooManyPairsError:  # then only those that stay are looked at
+        order = np.array(sorted(range(len(scores)), key=best_first(scores, looks)))
+        is_usable = thinned(xyxy, order, is_wanted, config.same_overlap)
+        rows = np.flatnonzero(is_usable)
+        among = overlaps_of(xyxy[rows], least)
+        return Overlaps(rows[among.a], rows[among.b], among.overlap), is_usable
+    twins = overlaps.above(config.same_overlap)
+    return overlaps, keep_best(twins, best_first(scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))

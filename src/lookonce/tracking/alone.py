@@ -1,0 +1,84 @@
+"""Who is alone: an object that was not found, and a detection that is nobody's, with nobody else to mistake them for.
+
+However an object moves, and whatever its filter expects, such a pair is one: that the one should have gone in the very
+frame in which the other came is less likely than any turn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lookonce.tracking.candidates import Frame, Pairs
+from lookonce.tracking.default_config import DefaultConfig
+from lookonce.tracking.motion import log_sides
+from lookonce.tracking.objects import Objects
+from lookonce.tracking.pairs import TooManyPairsError, near_pairs
+
+__all__ = ["pairs_alone"]
+
+_F = NDArray[np.float64]
+_I = NDArray[np.int64]
+
+_NEAR = 0.5  # boxes, to which the way at ``alone_speed`` is added
+_FARTHEST = 12.0  # boxes
+_APART = 1.5  # boxes: nobody else is nearer to the object, and nothing to the detection, than their distance and this
+_MOST_GROWN = 0.7  # change of the logarithm of the size: twice as large
+_MOST_PAIRS = 1_000_000  # where there are more, nobody is alone
+
+
+def pairs_alone(
+    objects: Objects, was_seen: NDArray[np.bool_], frame: Frame, pairs: Pairs, step_s: float, config: DefaultConfig
+) -> tuple[_I, _I]:
+    """Objects and rows (M,) that have only each other.
+
+    Args:
+        objects: P of them, where they are expected.
+        was_seen: (P,) bool, those with an identity that were seen in the frame before.
+        frame: its rows, after the matching.
+        pairs: which objects have been taken.
+        step_s: since the frame before.
+        config: the settings.
+    """
+    nobody = np.zeros(0, np.int64)
+    lost = (was_seen & ~pairs.is_taken).nonzero()[0]
+    if not len(lost) or config.motion.alone_speed <= 0:
+        return nobody, nobody
+    free = _free_rows(frame, config)
+    if not len(free):
+        return nobody, nobody
+    values, states = objects.motions.values, frame.states.T
+    side = np.exp(log_sides(values[:, lost]))
+    reach = min(_NEAR + config.motion.alone_speed * step_s, _FARTHEST) * side
+    try:
+        ours, theirs = near_pairs(values[:2, lost].T, reach, states[:2, free].T, _MOST_PAIRS)
+        is_only = (np.bincount(ours)[ours] == 1) & (np.bincount(theirs)[theirs] == 1)
+        side, places, rows = side[ours[is_only]], lost[ours[is_only]], free[theirs[is_only]]
+        grown = 0.5 * np.abs(values[2, places] + values[3, places] - states[2, rows] - states[3, rows])
+        is_same = (grown <= _MOST_GROWN) & (objects.labels[places] == frame.labels[rows])
+        side, places, rows = side[is_same], places[is_same], rows[is_same]
+        there, here = values[:2, places], states[:2, rows]
+        apart = np.hypot(*(there - here)) + _APART * side
+        is_alone = _counts(there, apart, values[:2, was_seen]) == 1
+        is_alone &= _counts(here, apart, states[:2, frame.is_usable]) == 1
+    except TooManyPairsError:
+        return nobody, nobody
+    return places[is_alone], rows[is_alone]
+
+
+def _free_rows(frame: Frame, config: DefaultConfig) -> NDArray[np.intp]:
+    """Sure rows that are nobody's, and no second boxes of what has been taken."""
+    is_taken = frame.object_of >= 0
+    is_free = frame.is_high & ~is_taken
+    if np.count_nonzero(is_free):
+        twins = frame.overlaps.above(config.duplicate_overlap)
+        is_free[twins.a[is_taken[twins.b]]] = False
+        is_free[twins.b[is_taken[twins.a]]] = False
+    return is_free.nonzero()[0]
+
+
+def _counts(places: _F, reach: _F, points: _F) -> NDArray[np.intp]:
+    """(M,) how many ``points`` (2, N) lie within the squares of half side ``reach`` (M,) around ``places`` (2, M)."""
+    if not len(reach):
+        return np.zeros(0, np.intp)
+    return np.bincount(near_pairs(places.T, reach, points.T, _MOST_PAIRS)[0], minlength=len(reach))
