@@ -159,7 +159,9 @@ def main() -> None:
     arguments = parser.parse_args()
     known = contenders()
     if unknown := [name for name in arguments.trackers if name == CROPS or name not in known]:
-        parser.error(f"--trackers {' '.join(unknown)}: expected of {', '.join(name for name in known if name != CROPS)}")
+        parser.error(
+            f"--trackers {' '.join(unknown)}: expected of {', '.join(name for name in known if name != CROPS)}"
+        )
     if missing := [name for name in arguments.trackers if not known[name].is_installed]:
         parser.error(f"--trackers {' '.join(missing)}: not installed; pip install 'lookonce[compare]'")
     config = choose_tracker("default", arguments.changes).config
