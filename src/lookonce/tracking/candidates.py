@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from lookonce.boxes import iou_of_pairs
 from lookonce.distances import Quantized
 from lookonce.tracking.default_config import DefaultConfig
-from lookonce.tracking.motion import MotionConfig, boxes_around
+from lookonce.tracking.motion import boxes_around
+from lookonce.tracking.motion_config import MotionConfig
 from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import TooManyPairsError, near_pairs

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from lookonce.config import check_numbers
 from lookonce.errors import ConfigError
-from lookonce.tracking.motion import MotionConfig
+from lookonce.tracking.motion_config import MotionConfig
 from lookonce.tracking.objects import EvidenceConfig
 
 __all__ = ["DefaultConfig", "iou_config"]

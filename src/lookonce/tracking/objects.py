@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from lookonce.config import check_numbers
 from lookonce.structures import NO_ID
-from lookonce.tracking.motion import MotionConfig, Motions, boxes_around, moved
+from lookonce.tracking.motion import Motions, boxes_around, moved
+from lookonce.tracking.motion_config import MotionConfig
 
 __all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 

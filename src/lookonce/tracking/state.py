@@ -21,7 +21,8 @@ from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.filling import MOST_PASSED
 from lookonce.tracking.looks import LATEST
-from lookonce.tracking.motion import LOGARITHMS, MOTION_ROWS, VARIANCES, MotionConfig
+from lookonce.tracking.motion import LOGARITHMS, MOTION_ROWS, VARIANCES
+from lookonce.tracking.motion_config import MotionConfig
 from lookonce.tracking.objects import EvidenceConfig, Objects
 from lookonce.tracking.paper import PaperConfig, PaperObjects, PaperRule
 from lookonce.tracking.waiting import WaitingRow
