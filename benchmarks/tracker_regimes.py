@@ -26,7 +26,6 @@ from lookonce.compare.associated import Associated
 from lookonce.compare.contenders.presets import associate_by
 from lookonce.compare.contenders.registry import CROPS, contenders
 from lookonce.compare.detections import DetectedFrame, DetectedSequence
-from lookonce.tracking.default_config import iou_config
 from lookonce.tracking.settings import choose_tracker
 from machine import describe_machine
 
@@ -48,8 +47,9 @@ class Regime:
         objects: so many,
         room: each has a square of so many box sides for itself when they begin.
         speed: sides / s, each object's is 0.5 to 1.5 times as much.
-        path: from the time, the random numbers, places before and velocities to places now; None: straight on.
-        camera: from the time and how often it was bumped to where the picture is now, and how large.
+        path: from the time step, places, velocities, which it may change, and random numbers to the ways gone; None:
+            straight on.
+        camera: from the time to where the picture is, px, and how large.
         missed: share of the boxes that are.
         box: size, px.
     """
@@ -168,7 +168,6 @@ def main() -> None:
     ways: dict[str, tuple[bool, Callable[[DetectedSequence], Associated]]] = {
         "default, looks": (True, lambda sequence: associate_by(config, sequence)),
         "default": (False, lambda sequence: associate_by(config, sequence)),
-        "iou": (False, lambda sequence: associate_by(iou_config(), sequence)),
     }
     ways |= {name: (False, known[name].answer) for name in arguments.trackers}
     print(describe_machine())

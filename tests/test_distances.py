@@ -80,8 +80,14 @@ def test_coarse_precision_is_exact_in_float32_and_close_to_the_descriptors():
     wrong = np.sqrt(expected) / COARSE.scale - exact
     assert np.sqrt((wrong**2).mean()) < 3e-4
     assert np.abs(wrong).max() < 2e-3
-    median = np.sort(quantize(_units(rng, 3, 2048), COARSE).units, axis=0)[1]
-    assert np.abs(median @ median) < 1.5 * COARSE.scale**2 < 2**24
+    np.testing.assert_allclose(distances(a, b), exact, atol=2e-3)
+    # A median is longest where each value is in two of three: 1.5 times the square of the length.
+    x = np.full((1, 683), 1 / np.sqrt(2 * 683), np.float32)
+    three = [quantize(np.hstack(parts), COARSE).units for parts in ([x, x, 0 * x], [x, 0 * x, x], [0 * x, x, x])]
+    longest = np.median(three, axis=0).astype(np.float32)
+    whole = longest.astype(np.float64) @ longest.T.astype(np.float64)
+    assert 1.4 * COARSE.scale**2 < whole < 2**24
+    assert longest @ longest.T == whole
 
 
 def test_no_rows_give_no_distances():

@@ -6,8 +6,9 @@ of 2^-25. Then every product and every partial sum is a whole number below 2^53,
 product is exact in any order, and the distance of a pair depends on nothing but the pair. The rounding moves a
 distance by less than 1e-6 (`docs/decisions/0004-exact-distances.md`).
 
-Rounded to multiples of 2^-11 the sums stay below 2^24, which float32 holds exactly: half the memory, and less than half
-the time. That moves the distance of descriptors of 128 values by about 2e-4, far below what tells objects apart.
+Rounded to multiples of 2^-11 the sums of products stay below 2^24, which float32 holds exactly: half the memory, and
+less than half the time. That moves the distance of descriptors of 128 values by about 2e-4, far below what tells
+objects apart.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Precision(NamedTuple):
 
     Attributes:
         scale: they become whole numbers in units of 1 / scale, a power of 2.
-        dtype: what holds the sums of products of unit vectors, up to scale², and of medians of three, up to 1.5 scale².
+        dtype: what holds the sums of products of unit vectors, up to scale², and of medians of three, 1.5 times that.
     """
 
     scale: float
@@ -66,7 +67,10 @@ def quantize(descriptors: NDArray[np.float32], precision: Precision = FINE) -> Q
 
 
 def squared_distances(a: Quantized, b: Quantized) -> Floats:
-    """(A, B) squared Euclidean distance of every pair of rows of one precision, in units of 1 / scale²; exact."""
+    """(A, B) squared Euclidean distance of every pair of rows of one precision, in units of 1 / scale².
+
+    Exact; of coarse medians that are opposite, rounded to an even number.
+    """
     squared: Floats = a.units @ b.units.T  # (A, D) x (D, B) -> (A, B)
     squared *= -2.0
     squared += a.squared_lengths[:, None]
@@ -75,8 +79,8 @@ def squared_distances(a: Quantized, b: Quantized) -> Floats:
 
 
 def distances(a: Quantized, b: Quantized) -> NDArray[np.float64]:
-    """(A, B) float64, Euclidean distance of every pair, about 0 to 2, of fine precision; of equal ones exactly 0."""
+    """(A, B) float64, Euclidean distance of every pair, about 0 to 2; equal descriptors are at exactly 0."""
     apart = squared_distances(a, b).astype(np.float64, copy=False)
     np.sqrt(apart, out=apart)
-    apart /= FINE.scale
+    apart /= FINE.scale if a.units.dtype == FINE.dtype else COARSE.scale
     return apart

@@ -34,16 +34,60 @@ def test_who_is_alone_may_have_gone_anywhere_near():
     assert _after(REACH - 2, replace(BOXES, motion=replace(BOXES.motion, alone_speed=0.0)))[0] == NO_ID
 
 
-@pytest.mark.parametrize("other", [(100, 150), (165, 70), (100 - 45, 60)])
+@pytest.mark.parametrize("other", [(100, 150), (165, 70), (100 - 45, 60), (100 - 70, 100)])
 def test_where_others_are_near_nobody_is_alone(other):
     assert _after(REACH - 2, others=[other])[0] == NO_ID
+
+
+def test_who_is_hidden_may_be_the_one_that_comes():
+    """Somebody who was seen until a moment ago is nearer to the detection than the one that is missed."""
+    both, one, away = seen((100, 100), (155, 100), FAR), seen((100, 100), FAR), seen((100 + REACH - 2, 100), FAR)
+    assert ids_of([both] * 25 + [one] * 2 + [away], BOXES)[-1] == [NO_ID, 3]
+    assert ids_of([one] * 27 + [away], BOXES)[-1] == [1, 2]
+
+
+@pytest.mark.parametrize("other", [(100 + REACH + 40, 100), (100 + REACH, 160)])
+def test_where_another_detection_is_near_nobody_is_alone(other):
+    """It is no known object's, and weak."""
+    after = seen((100 + REACH - 2, 100), FAR, other, scores=[0.9, 0.9, 0.3])
+    assert ids_of([seen((100, 100), FAR)] * 25 + [after], BOXES)[-1][0] == NO_ID
+
+
+SLOW = [0.04 * n for n in range(25)] + [0.96 + 0.5]  # after half a second one may be four boxes and a half away
+STIFF = replace(BOXES, motion=replace(BOXES.motion, turn_share=0.0, lag=1e6))
+
+
+def test_one_object_and_two_detections_have_not_only_each_other():
+    frames = [seen((1000, 100), FAR)] * 25
+    assert ids_of([*frames, seen((1000 + 150, 100), FAR)], STIFF, SLOW)[-1] == [1, 2]
+    assert ids_of([*frames, seen((1000 + 150, 100), (1000 - 150, 100), FAR)], STIFF, SLOW)[-1] == [NO_ID, NO_ID, 2]
+
+
+def test_two_objects_and_one_detection_have_not_only_each_other():
+    frames = [seen((1000 - 170, 100), (1000 + 150, 100), FAR)] * 25
+    assert ids_of([*frames, seen((1000, 100), FAR)], STIFF, SLOW)[-1] == [NO_ID, 3]
+
+
+def test_two_who_are_missed_and_one_that_comes():
+    before, after = seen((100, 100), (160, 100), FAR), seen((130, 100), FAR)
+    assert ids_of([before] * 25 + [after], BOXES)[-1] == [NO_ID, 3]
+
+
+@pytest.mark.parametrize(("way", "found"), [(11.5, True), (12.5, False)])
+def test_nobody_is_alone_farther_away_than_twelve_boxes(way, found):
+    """However long it is since the frame before: it is not known how it moves."""
+    times = [*SLOW[:-1], 0.04 * 24 + 5]
+    frames = [seen((100, 100), FAR)] * 25 + [seen((100 + 40 * way, 100), FAR)]
+    assert (ids_of(frames, STIFF, times)[-1][0] == 1) == found
 
 
 def test_others_who_are_farther_away_do_not_matter():
     assert _after(REACH - 2, others=[(100, 250), (250, 100)]) == [1, 2, 3, 4]
 
 
-@pytest.mark.parametrize(("look", "same"), [([1, 0], True), ([0.8, 0.6], True), ([0, 1], False), ([0, 0], True)])
+@pytest.mark.parametrize(
+    ("look", "same"), [([1, 0], True), ([0.8, 0.6], True), ([0.65, 0.76], True), ([0, 1], False), ([0, 0], True)]
+)
 def test_who_is_alone_must_not_look_different(look, same):
     answer = _after(REACH - 2, replace(CONFIG, jolts=False), looks=([1, 0], look))
     assert answer[0] == (1 if same else NO_ID)

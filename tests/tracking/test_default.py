@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -159,6 +160,36 @@ def test_who_is_alone_may_be_as_fast_as_it_likes(looks, step_s, boxes):
     if step_s == 0.25:
         crowd = [seen((-250 + 40 * boxes * n, 0), *CROWD) for n in range(3)]
         assert _last(crowd, CONFIG, [step_s * n for n in range(3)])[0] == NO_ID
+
+
+def test_the_story_says_that_another_speed_was_believed():
+    tracker = Tracker(BOXES, explain=True)
+    for number in range(3):
+        row = tracker.update(seen((100 + 70 * number, 100), (9000, 100)), number / 4).story.rows[0]
+        assert ("at another speed than was believed" in row.reason) == (number == 1)
+
+
+def test_room_is_that_of_the_others_in_the_picture_and_of_one_in_all():
+    """A square of 200 px around (50, 500), of which the left quarter is outside the picture."""
+    border = (0.0, 0.0, 1000.0, 1000.0)
+
+    def room(count, x=50.0):
+        place, reach, side = np.array([[x], [500.0]]), np.full(1, 100.0), np.full(1, 10.0)
+        return candidates._rooms(place, reach, side, np.array([count]), border)[0]
+
+    assert room(1) == pytest.approx(200 * 200)
+    assert room(4) == pytest.approx(1 / (3 / (150 * 200) + 1 / (200 * 200)))
+    assert room(4, 950.0) == pytest.approx(room(4))
+    assert room(4, 5000.0) == pytest.approx(1 / (3 / (10 * 200) + 1 / (200 * 200)))  # at least as wide as a box
+
+
+def test_only_a_picture_of_many_can_be_full():
+    """Few rows do not say how large their picture is."""
+    usable = np.ones(101, np.bool_)
+    frame = SimpleNamespace(is_usable=usable, border=(0.0, 0.0, 1010.0, 500.0))
+    assert candidates._room_in(frame) == pytest.approx(5000)
+    usable[:1] = False
+    assert candidates._room_in(frame) == np.inf
 
 
 def test_what_comes_and_goes_in_an_empty_picture_makes_no_identities():

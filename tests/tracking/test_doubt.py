@@ -25,7 +25,9 @@ def _frame(object_of):
     taken = np.array(object_of, np.int64)
     states = box_states(xyxy)
     whole = (0.0, 0.0, 100.0, 100.0)
-    return Frame(xyxy, states, scores, labels, None, yes, yes, overlaps, whole, taken, ~yes, xyxy.astype(np.float32))
+    return Frame(
+        xyxy, states, scores, labels, None, yes, yes, overlaps, whole, taken, ~yes, ~yes, xyxy.astype(np.float32)
+    )
 
 
 def _pairs(object_of, rows):

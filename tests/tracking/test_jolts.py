@@ -73,6 +73,41 @@ def test_those_who_agree_have_to_look_as_they_did(like):
     assert answers[-1] == EVERYBODY if like else answers[-1] != EVERYBODY
 
 
+def test_many_cannot_agree_by_one_detection():
+    """A group of four that vanishes, and one who comes: that is no jump, and who stands keeps the id."""
+    group = [(100, 100), (114, 100), (100, 126), (114, 126)]
+    before = seen(*group, (1000, 100), (1000, 600))
+    after = seen((1000, 100), (1000, 600), (300, 250), (2000, 100))
+    assert ids_of([before] * 10 + [after] * 2)[-1][:2] == [5, 6]
+    two = ids_of([seen((100, 100), (116, 100))] * 5 + [seen((300, 250), (2000, 900))], BOXES)
+    assert two[-1] == [-1, -1]
+
+
+def test_some_who_set_off_together_are_no_jump():
+    """Five of eight walk off at three boxes a second, two frames a second; the others stand."""
+    walkers = np.array([[100, 100], [300, 180], [120, 260], [420, 390], [500, 50]], np.float64)
+    standing = [(1900, 100), (1800, 300), (1850, 500)]
+    tracker = Tracker(BOXES, explain=True)
+    for number in range(16):
+        way = 60.0 * max(0, number - 5)
+        tracks = tracker.update(seen(*np.add(walkers, [way, 0]), *standing), number * 0.5)
+        assert not any("jumped" in row.reason for row in tracks.story.rows)
+    speeds = {
+        one: tracker._rule.objects.motions.velocity[place, 0] for place, one in enumerate(tracker._rule.objects.ids)
+    }
+    assert [speeds[one] for one in tracks.ids[5:].tolist()] == pytest.approx([0, 0, 0], abs=1)
+
+
+def test_a_jump_that_goes_on_is_a_movement():
+    """All go the same way from one frame on: twice that is a jump, then it is what is expected."""
+    tracker, jumped = Tracker(BOXES, explain=True), []
+    for number, frame in enumerate(_frames([(60.0 * max(0, n - 4), 0.0) for n in range(12)])):
+        tracks = tracker.update(frame, number * 0.5)
+        jumped.append(any("jumped" in row.reason for row in tracks.story.rows))
+        assert tracks.ids.tolist() == EVERYBODY or number == 0
+    assert jumped == [number in (5, 6) for number in range(12)]
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_cut_to_another_scene_is_no_jump(seed):
     """Other objects at other places: all are new."""

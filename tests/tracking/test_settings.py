@@ -24,7 +24,7 @@ from lookonce.tracking.settings import (
 CHANGED = DefaultConfig(
     appearance=False,
     memory_s=1 / 3,
-    crowd_box=1e-5,
+    crowd_box=1e-3,
     given_back_rows=999_999,
     motion=MotionConfig(place_noise=0.1 + 0.2, jump_speed=123456.789),
     evidence=EvidenceConfig(hits=7, score=5e-324),

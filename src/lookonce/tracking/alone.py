@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.structures import NO_ID
 from lookonce.tracking.candidates import Frame, Pairs
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.motion import log_sides
@@ -22,26 +23,30 @@ _I = NDArray[np.int64]
 
 _NEAR = 0.5  # boxes, to which the way at ``alone_speed`` is added
 _FARTHEST = 12.0  # boxes
-_APART = 1.5  # boxes: nobody else is nearer to the object, and nothing to the detection, than their distance and this
+# Boxes: no other that was just seen is nearer to the object, and no other detection to the detection, than they are to
+# each other and this; and nobody who may be hidden is nearer to the detection than the object.
+_APART = 1.5
+_SLACK = 1e-9
 _MOST_GROWN = 0.7  # change of the logarithm of the size: twice as large
 _MOST_PAIRS = 1_000_000  # where there are more, nobody is alone
 
 
 def pairs_alone(
-    objects: Objects, was_seen: NDArray[np.bool_], frame: Frame, pairs: Pairs, step_s: float, config: DefaultConfig
+    objects: Objects, unseen_s: _F, frame: Frame, pairs: Pairs, step_s: float, config: DefaultConfig
 ) -> tuple[_I, _I]:
     """Objects and rows (M,) that have only each other.
 
     Args:
         objects: P of them, where they are expected.
-        was_seen: (P,) bool, those with an identity that were seen in the frame before.
+        unseen_s: (P,) since when each was not seen.
         frame: its rows, after the matching.
         pairs: which objects have been taken.
         step_s: since the frame before.
         config: the settings.
     """
     nobody = np.zeros(0, np.int64)
-    lost = (was_seen & ~pairs.is_taken).nonzero()[0]
+    was_seen, is_known = unseen_s <= 1.01 * step_s, objects.ids != NO_ID
+    lost = (was_seen & is_known & ~pairs.is_taken).nonzero()[0]
     if not len(lost) or config.motion.alone_speed <= 0:
         return nobody, nobody
     free = _free_rows(frame, config)
@@ -58,9 +63,11 @@ def pairs_alone(
         is_same = (grown <= _MOST_GROWN) & (objects.labels[places] == frame.labels[rows])
         side, places, rows = side[is_same], places[is_same], rows[is_same]
         there, here = values[:2, places], states[:2, rows]
-        apart = np.hypot(*(there - here)) + _APART * side
-        is_alone = _counts(there, apart, values[:2, was_seen]) == 1
-        is_alone &= _counts(here, apart, states[:2, frame.is_usable]) == 1
+        apart = np.hypot(*(there - here)) * (1 + _SLACK)  # the object itself is so far from the detection
+        is_alone = _counts(there, apart + _APART * side, values[:2, was_seen]) == 1
+        is_alone &= _counts(here, apart + _APART * side, states[:2, frame.is_usable]) == 1
+        may_be = was_seen | (is_known & (unseen_s < config.hidden_s))
+        is_alone &= _counts(here, apart, values[:2, may_be]) == 1
     except TooManyPairsError:
         return nobody, nobody
     return places[is_alone], rows[is_alone]

@@ -26,6 +26,7 @@ TOUCHING = 0.1
 """Overlap from which an object and a detection of another are near enough to be mistaken."""
 
 _MOST_PAIRS = 2_000_000  # half a gigabyte
+_MANY = 100  # usable rows: if they fill their picture as a crowd does, nobody looks for room in it
 _FARTHEST = 12.0  # boxes, in x and in y: farther away nobody is looked for, however long ago it was seen
 
 _TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below TOUCHING
@@ -47,7 +48,8 @@ class Frame:
         overlaps: among all rows.
         border: xyxy of the picture, px, as far as it is known.
         object_of: (N,) int64, the place among the objects that was found; -1 = none.
-        has_jumped: (N,) bool, whether the object turns out to be a fast one, or to have turned.
+        has_jumped: (N,) bool, whether the object turns out to be a fast one, to have turned, or to be alone.
+        is_alone: (N,) bool, whether the object and the row had only each other.
         reported: (N, 4) float32, the boxes to give out.
         shares: (N,) float64 of the rows' own objects, as ``own_shares`` has them; None: all are certain.
         jolt: (2,) float64 px, how far the whole picture has jumped; None: it has not.
@@ -64,6 +66,7 @@ class Frame:
     border: tuple[float, float, float, float]
     object_of: NDArray[np.int64]
     has_jumped: NDArray[np.bool_]
+    is_alone: NDArray[np.bool_]
     reported: NDArray[np.float32]
     shares: NDArray[np.float64] | None = None
     jolt: NDArray[np.float64] | None = None
@@ -193,10 +196,10 @@ def find_pairs(
         reach = np.maximum(reach, other.reach(best_look))
         widest = np.where(surprises.log_share > -np.inf, surprises.variance, variance)
     farthest = np.minimum(LARGEST_DEVIATION * np.sqrt(widest), _FARTHEST * side)
-    wide = (was_seen & (4 * farthest**2 > room)).nonzero()[0]
+    wide = (was_seen & (np.minimum(4 * farthest**2, _room_in(frame)) > room)).nonzero()[0]
     reach[wide] = farthest[wide]
-    of_object, rows = _near_rows(objects.motions.place, np.minimum(reach, _FARTHEST * side), side, frame)
-    if len(wide):
+    of_object, rows, are_all = _near_rows(objects.motions.place, np.minimum(reach, _FARTHEST * side), side, frame)
+    if len(wide) and are_all:
         counts = np.bincount(of_object, minlength=len(side))[wide]
         room[wide] = np.maximum(room[wide], _rooms(values[:2, wide], farthest[wide], side[wide], counts, frame.border))
         usual, other = _beliefs(room, variance, surprises, config)
@@ -234,6 +237,13 @@ def _beliefs(
     return usual, _Belief(surprises.variance, np.log(area / surprises.variance) + surprises.log_share)
 
 
+def _room_in(frame: Frame) -> float:
+    """px² of the picture for each usable row; without end for few, of which nobody knows how large their picture is."""
+    count = np.count_nonzero(frame.is_usable)
+    left, top, right, bottom = frame.border
+    return (right - left) * (bottom - top) / count if count > _MANY else math.inf
+
+
 def _rooms(
     place: NDArray[np.float64],
     reach: NDArray[np.float64],
@@ -262,18 +272,19 @@ def _rooms(
 
 def _near_rows(
     place: NDArray[np.float64], reach: NDArray[np.float64], side: NDArray[np.float64], frame: Frame
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[NDArray[np.intp], NDArray[np.intp], bool]:
     """Objects and usable rows (K,) that are within reach or may overlap; of too many only those that may overlap.
 
+    The last answer says whether these are all.
     ``place`` (P, 2), ``reach`` (P,) and longer ``side`` (P,) of the objects.
     """
     usable = frame.is_usable.nonzero()[0]
     is_all = len(usable) == len(frame.scores)
     columns = frame.states.T[:2]
     points = columns.T if is_all else columns.take(usable, axis=1).T
-    touching = _TOUCHING_REACH * side
+    touching, are_all = _TOUCHING_REACH * side, True
     try:
         of_object, rows = near_pairs(place, np.maximum(reach, touching), points, _MOST_PAIRS)
     except TooManyPairsError:
-        of_object, rows = near_pairs(place, touching, points)
-    return of_object, rows if is_all else usable[rows]
+        (of_object, rows), are_all = near_pairs(place, touching, points), False
+    return of_object, rows if is_all else usable[rows], are_all

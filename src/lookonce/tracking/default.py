@@ -3,7 +3,7 @@
 Every pair of an object and a detection has a gain: the logarithm of how much likelier it is that the detection is this
 object than that it is another one. Its terms are those of multiple hypothesis tracking (Blackman, "Multiple hypothesis
 tracking for multiple target tracking", 2004): a place under the object's Kalman filter against objects anywhere at a
-stated density, the size, the class, and the descriptor's distance. After a short time the place says nearly everything;
+density, the size, the class, and the descriptor's distance. After a short time the place says nearly everything;
 after a gap, or with few frames a second, the filter is wide and the descriptor decides. Only pairs of positive gain can
 be taken, and of each frame the choice with the largest sum is.
 """
@@ -23,7 +23,7 @@ from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.doubt import clean_rows, own_shares
 from lookonce.tracking.explaining import Notes, tell
-from lookonce.tracking.jolts import Jolt, find_jolt
+from lookonce.tracking.jolts import Jolt, find_jolt, is_again
 from lookonce.tracking.looks import Looks
 from lookonce.tracking.motion import box_states
 from lookonce.tracking.objects import MovingScores, Objects
@@ -51,6 +51,7 @@ class DefaultRule:
         self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
         self.moving = MovingScores()
         self.own_boxes = OwnBoxes(config)
+        self.jolt_speed = np.zeros(2)  # px / s of the picture, if it jumped in the frame before
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
         self._frame_number = 0
@@ -90,7 +91,7 @@ class DefaultRule:
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         is_known = self.objects.ids != NO_ID
         self._match_all(frame, pairs, is_known)
-        self._match_alone(frame, pairs, is_known & (unseen_s <= 1.01 * step_s), step_s)
+        self._match_alone(frame, pairs, unseen_s, step_s)
         is_clean = clean_rows(frame, pairs, is_known & (unseen_s < self.config.hidden_s), self.config)
         rows = (frame.object_of >= 0).nonzero()[0]
         seen = frame.object_of[rows]
@@ -178,6 +179,7 @@ class DefaultRule:
             self._border(size),
             np.full(len(scores), -1),
             np.zeros(len(scores), np.bool_),
+            np.zeros(len(scores), np.bool_),
             detections.xyxy,
         )
 
@@ -187,9 +189,13 @@ class DefaultRule:
         pairs = find_pairs(self.objects, unseen_s, was_seen, frame, self.config)
         jolt = find_jolt(self.objects, was_seen, frame, pairs) if self.config.jolts else None
         if jolt is None or not self._looks_true(jolt, frame):
+            self.jolt_speed = np.zeros(2)
             return pairs
-        frame.jolt = jolt.shift
+        frame.jolt, speed = jolt.shift, jolt.shift / step_s
         self.objects.move_camera_(np.column_stack([np.eye(2), jolt.shift]))
+        if is_again(speed, self.jolt_speed, jolt.cell / step_s):
+            self.objects.motions.velocity[:] += speed
+        self.jolt_speed = speed
         return find_pairs(self.objects, unseen_s, was_seen, frame, self.config)
 
     def _looks_true(self, jolt: Jolt, frame: Frame) -> bool:
@@ -212,14 +218,15 @@ class DefaultRule:
         left = left[~is_known[objects] & (is_near | is_high[left])]
         self._match(frame, pairs, left[pairs.are_left(frame)[left]])
 
-    def _match_alone(self, frame: Frame, pairs: Pairs, was_seen: NDArray[np.bool_], step_s: float) -> None:
-        """Rows for those of the objects (P,) that are alone, unless they look different."""
-        objects, rows = pairs_alone(self.objects, was_seen, frame, pairs, step_s, self.config)
+    def _match_alone(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float) -> None:
+        """Rows for objects that are alone, unless they look different."""
+        objects, rows = pairs_alone(self.objects, unseen_s, frame, pairs, step_s, self.config)
         if frame.looks is not None and len(rows):
             distances = self.looks.distances(self.objects.slots[objects], frame.looks, rows)
             alike = (self._likeness(distances) + self.config.appearance_absent > 0).nonzero()[0]
             objects, rows = objects[alike], rows[alike]
-        frame.object_of[rows], frame.has_jumped[rows], pairs.is_taken[objects] = objects, True, True
+        frame.object_of[rows], frame.has_jumped[rows], frame.is_alone[rows] = objects, True, True
+        pairs.is_taken[objects] = True
 
     def _match(self, frame: Frame, pairs: Pairs, chosen: NDArray[np.intp]) -> None:
         """Give rows the best of the objects that may take them; of the chosen pairs neither side is taken."""

@@ -11,7 +11,8 @@ from lookonce.tracking.objects import EvidenceConfig
 
 __all__ = ["DefaultConfig", "iou_config"]
 
-_MOST_VIEWS = 32  # each takes a kilobyte of every object at 128 values
+_LEAST_CROWD_BOX = 1e-3
+_MOST_VIEWS = 32  # each takes half a kilobyte of every object at 128 values
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,8 @@ class DefaultConfig:
             without asking appearance.
         same_overlap: of two boxes of a frame that overlap more, the one of lower score is left out.
         duplicate_overlap: a box that overlaps a known object's more makes no new object.
-        crowd_box: the place of a detection speaks for an object as against one elsewhere in a square of so many boxes.
+        crowd_box: the place of a detection speaks for an object as against one elsewhere in a square of so many boxes,
+            at least a thousandth; of what was seen in the frame before, in a larger one where fewer others are.
         place_limit: but however wide the filter, at the expected place it speaks against it by so much at most, as a
             logarithm: the object could be anywhere, and so could the others.
         class_penalty: what another class takes from the logarithm of the likelihood ratio.
@@ -96,6 +98,8 @@ class DefaultConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, above_zero=("match_threshold", "frame_rate", "crowd_box", "memory_s", "given_back_rows"))
+        if self.crowd_box < _LEAST_CROWD_BOX:
+            raise ConfigError(f"crowd_box={self.crowd_box}: expected at least {_LEAST_CROWD_BOX:g}")
         if self.match_threshold > 2:
             raise ConfigError(f"match_threshold={self.match_threshold}: expected above 0, at most 2")
         if self.views > _MOST_VIEWS:

@@ -75,7 +75,7 @@ def _row(
     )
     candidates = tuple(_candidate(notes, pair, taken, config) for pair in by_gain[:_MOST_CANDIDATES])
     decision, reason = _decision(notes, row, taken, identity, is_new, config)
-    if taken >= 0 and notes.frame.has_jumped[row] and not (len(pairs) and notes.pairs.is_jump[by_gain[0]]):
+    if taken >= 0 and notes.frame.is_alone[row]:
         reason = f"{reason}: far from where it was expected, but nobody else is near"
     elif taken >= 0:
         reason = f"{reason}: {_why(candidates, notes.gains[by_gain[0]], config)}"

@@ -57,18 +57,16 @@ class PassedFrames:
             now_s: the time of this frame.
             now: (M, 4) its box in it.
         """
-        begun_s, latest = seen_s.tolist(), []
-        first = min(begun_s)
+        first, latest = seen_s.min(), []
         for frame in reversed(self.frames):
             if frame[1] <= first:
                 break
             latest.append(frame)
         latest.reverse()
-        missed = [
-            (number, one, time_s) for one, begun in enumerate(begun_s) for number, time_s in latest if time_s > begun
-        ]
-        numbers, objects, times = (np.array(column) for column in zip(*missed, strict=True))
-        share = (times - seen_s[objects]) / (now_s - seen_s[objects])
+        numbers, times = np.array([number for number, _ in latest]), np.array([time_s for _, time_s in latest])
+        objects, frames = (times > seen_s[:, np.newaxis]).nonzero()
+        begun_s = seen_s[objects]
+        share = (times[frames] - begun_s) / (now_s - begun_s)
         boxes = before[objects]
         boxes += share[:, np.newaxis] * (now - before)[objects]
-        return Filled(numbers, ids[objects], boxes.astype(np.float32), labels[objects])
+        return Filled(numbers[frames], ids[objects], boxes.astype(np.float32), labels[objects])

@@ -15,13 +15,14 @@ from lookonce.tracking.candidates import Frame, Pairs
 from lookonce.tracking.motion import log_sides
 from lookonce.tracking.objects import Objects
 
-__all__ = ["Jolt", "find_jolt"]
+__all__ = ["Jolt", "find_jolt", "is_again"]
 
 _F = NDArray[np.float64]
 
-_MOST = 250_000  # pairs of objects and detections; where there are more, nothing is looked for
+_MOST = 250_000  # pairs of objects and detections; where there are more, nothing is looked for: 640 of both
 _SHARE = 0.6  # of the objects seen in the frame before so many have to agree,
-_FEW = 4  # of fewer than so many all, and with all that is detected
+_FEW = 4  # of fewer than so many all, and with all that is detected,
+_STAYED, _THERE = 0.2, 0.5  # and no more may overlap a detection by so much: those who set off together are no picture
 _FARTHEST = 12.0  # boxes, in x and in y
 _CELL = 0.5  # boxes; votes within a square of two by two cells agree
 _SIDE = 2 * int(_FARTHEST / _CELL) + 4  # cells of all that is looked at
@@ -32,10 +33,12 @@ class Jolt(NamedTuple):
 
     Attributes:
         shift: (2,) float64 px, x and y.
+        cell: px; so far apart others may be who agree.
         objects, rows: (M,) int64, which places and detections agree on it.
     """
 
     shift: _F
+    cell: float
     objects: NDArray[np.int64]
     rows: NDArray[np.int64]
 
@@ -64,16 +67,29 @@ def find_jolt(objects: Objects, was_seen: NDArray[np.bool_], frame: Frame, pairs
     cell = _CELL * float(np.median(np.exp(log_sides(values))))
     apart = (frame.states.T[:2].take(rows, axis=1)[:, np.newaxis] - values[:2, :, np.newaxis]) / cell  # (2, Q, N)
     near = (np.abs(apart).max(axis=0) < _FARTHEST / _CELL).ravel().nonzero()[0]
+    whose, which = near // len(rows), near % len(rows)
     x, y = apart.reshape(2, -1).take(near, axis=1)
     column, line = np.floor(x).astype(np.int64) + _SIDE // 2, np.floor(y).astype(np.int64) + _SIDE // 2
+    votes = np.zeros((count, _SIDE**2), np.bool_)
     # Each pair is in four squares of two by two cells, called by their last cell; an object votes once for each.
-    squares = np.concatenate([(line + down) * _SIDE + column + right for down in (0, 1) for right in (0, 1)])
-    votes = np.unique(np.tile(near // len(rows), 4) * _SIDE**2 + squares) % _SIDE**2
-    counts = np.bincount(votes, minlength=_SIDE**2)
-    best = int(counts.argmax())
-    if counts[best] < least:
-        return None
+    for below, beside in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        votes[whose, (line + below) * _SIDE + column + beside] = True
+    best = int(votes.sum(axis=0).argmax())
     down, right = best // _SIDE - _SIDE // 2, best % _SIDE - _SIDE // 2
     agree = (np.abs(x - right) <= 1) & (np.abs(y - down) <= 1)
+    if min(len(np.unique(whose[agree])), len(np.unique(which[agree]))) < least:
+        return None
+    has_stayed = np.zeros(len(was_seen), np.bool_)
+    has_stayed[pairs.objects[pairs.overlap >= _THERE]] = True
+    if np.count_nonzero(has_stayed & was_seen) > _STAYED * count:
+        return None
     shift = np.array([np.median(x[agree]), np.median(y[agree])]) * cell
-    return Jolt(shift, seen[near[agree] // len(rows)], rows[near[agree] % len(rows)])
+    return Jolt(shift, cell, seen[whose[agree]], rows[which[agree]])
+
+
+def is_again(speed: _F, before: _F, apart: float) -> bool:
+    """Whether a jump of such ``speed`` (2,) px / s goes on from the one of the frame before: then all are on their way.
+
+    ``apart`` px / s: they may differ by so much.
+    """
+    return bool(before.any() and np.abs(speed - before).max() <= apart)

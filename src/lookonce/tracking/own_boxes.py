@@ -64,7 +64,7 @@ class OwnBoxes:
             frame.reported[seen.rows] = boxes
             again = (is_early & objects.is_real[seen.objects] & (seen.before[0] < np.inf)).nonzero()[0]
             self.steadying.learn(seen.before[:4].take(again, axis=1), surprise.take(again, axis=1))
-        surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector, and nothing of a turn
+        surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector
         objects.last[:, seen.objects] = np.concatenate([surprise, boxes.T])
         return boxes
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.array_file import read_arrays, write_arrays
-from lookonce.distances import FINE, Quantized
+from lookonce.distances import COARSE, FINE, Quantized
 from lookonce.errors import ConfigError, FormatError
 from lookonce.structures import NO_ID
 from lookonce.tracking.clock import Clock
@@ -30,11 +30,12 @@ from lookonce.tracking.waiting import WaitingRow
 __all__ = ["load_rule", "save_rule"]
 
 _FORMAT, _VERSION = "lookonce-tracker", 4
-_MOST_BYTES = 4_000_000_000  # 300,000 objects of 128 values
+_MOST_BYTES = 4_000_000_000  # 800,000 objects of 128 values
 _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
 _LARGEST_LOGARITHM = 200.0  # of a size in px
-_LARGEST = 2.0 * FINE.scale**2  # of a descriptor's value in whole numbers, far above any
+_LARGEST = 1e30  # far above any
+_LARGEST_OF = {"newest": FINE, "second": FINE, "references": FINE, "latest": COARSE, "kept": COARSE}  # descriptors
 
 _OBJECTS: dict[str, type] = {
     "serials": np.int64,
@@ -67,6 +68,7 @@ _STREAM: dict[str, type] = {
     "extent": np.float64,
     "moving": np.float64,
     "steadying": np.float64,
+    "jolt_speed": np.float64,
     "passed": np.int64,
     "passed_s": np.float64,
     "motions": np.float64,
@@ -142,6 +144,7 @@ def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
         "extent": rule.extent,
         "moving": moving,
         "steadying": rule.own_boxes.steadying.state(),
+        "jolt_speed": rule.jolt_speed,
     }
     arrays["passed"] = np.array([number for number, _ in rule.own_boxes.passed.frames], np.int64)
     arrays["passed_s"] = np.array([time_s for _, time_s in rule.own_boxes.passed.frames], np.float64)
@@ -167,7 +170,8 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     shapes: dict[str, tuple[int, ...]] = {name: (count, *_WIDTHS.get(name, ())) for name in _OBJECTS}
     _check(
         arrays,
-        shapes | {"extent": (4,), "moving": (3,), "steadying": (5,), "motions": (MOTION_ROWS, count)},
+        shapes
+        | {"extent": (4,), "moving": (3,), "steadying": (5,), "jolt_speed": (2,), "motions": (MOTION_ROWS, count)},
         may_be_infinite=("extent", "travel_s", "surprise"),
     )
     _check_filters(arrays["motions"])
@@ -182,6 +186,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     rule.extent = arrays["extent"]
     rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
     rule.own_boxes.steadying.restore(arrays["steadying"])
+    rule.jolt_speed = arrays["jolt_speed"]
     rule.own_boxes.last_s = rule.clock.now_s
     _restore_passed(rule, arrays)
     _restore_looks(rule, about["size"], arrays, count)
@@ -294,5 +299,6 @@ def _check(
             raise ValueError(f"{name}: expected {shape}, got {values.shape}")
         if values.dtype.kind != "f":
             continue
-        if np.isnan(values).any() or (name not in may_be_infinite and (np.abs(values) > _LARGEST).any()):
+        largest = 2.0 * _LARGEST_OF[name].scale if name in _LARGEST_OF else _LARGEST
+        if np.isnan(values).any() or (name not in may_be_infinite and (np.abs(values) > largest).any()):
             raise ValueError(f"{name}: holds numbers that are not finite, or far too large")

@@ -144,8 +144,10 @@ class Tracker:
                 before, a time that is not finite, a camera's motion that cannot be undone, or a size that is none.
             TypeError: the detections are none of the three forms.
         """
-        if time_s is not None and not math.isfinite(time_s):
-            raise ValueError(f"time_s: expected finite seconds, got {time_s}")
+        if time_s is not None:
+            time_s = float(time_s)  # of NumPy's, too
+            if not math.isfinite(time_s):
+                raise ValueError(f"time_s: expected finite seconds, got {time_s}")
         if camera is not None:
             _check_camera(camera)
         if size is not None and not (len(size) == 2 and min(size) > 0):
