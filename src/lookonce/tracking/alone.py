@@ -57,8 +57,10 @@ def pairs_alone(
     reach = min(_NEAR + config.motion.alone_speed * step_s, _FARTHEST) * side
     try:
         ours, theirs = near_pairs(values[:2, lost].T, reach, states[:2, free].T, _MOST_PAIRS)
-        is_only = (np.bincount(ours)[ours] == 1) & (np.bincount(theirs)[theirs] == 1)
-        side, places, rows = side[ours[is_only]], lost[ours[is_only]], free[theirs[is_only]]
+        only = ((np.bincount(ours)[ours] == 1) & (np.bincount(theirs)[theirs] == 1)).nonzero()[0]
+        if not len(only):
+            return nobody, nobody
+        side, places, rows = side[ours[only]], lost[ours[only]], free[theirs[only]]
         grown = 0.5 * np.abs(values[2, places] + values[3, places] - states[2, rows] - states[3, rows])
         is_same = (grown <= _MOST_GROWN) & (objects.labels[places] == frame.labels[rows])
         side, places, rows = side[is_same], places[is_same], rows[is_same]
@@ -86,6 +88,4 @@ def _free_rows(frame: Frame, config: DefaultConfig) -> NDArray[np.intp]:
 
 def _counts(places: _F, reach: _F, points: _F) -> NDArray[np.intp]:
     """(M,) how many ``points`` (2, N) lie within the squares of half side ``reach`` (M,) around ``places`` (2, M)."""
-    if not len(reach):
-        return np.zeros(0, np.intp)
     return np.bincount(near_pairs(places.T, reach, points.T, _MOST_PAIRS)[0], minlength=len(reach))
