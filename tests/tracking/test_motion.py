@@ -270,7 +270,8 @@ def test_boxes_are_those_of_the_states():
 
 
 def test_impossible_settings_are_refused():
-    for name, value in [("place_noise", 0.0), ("slow_down_s", 0.0), ("new_speed", -1.0), ("jump_speed", float("nan"))]:
+    bad = [("place_noise", 0.0), ("slow_down_s", 0.0), ("new_speed", -1.0), ("jump_speed", float("nan"))]
+    for name, value in [*bad, ("jump_share", 1.5), ("turn_share", 2.0)]:
         with pytest.raises(ConfigError, match=name):
             MotionConfig(**{name: value})
 

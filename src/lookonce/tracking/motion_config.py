@@ -65,6 +65,9 @@ class MotionConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, above_zero=("place_noise", "size_noise", "slow_down_s", "growth_noise"))
+        for name in ("jump_share", "turn_share"):
+            if getattr(self, name) > 1:
+                raise ConfigError(f"{name}={getattr(self, name)}: expected a share of at most 1")
         if self.score_noise >= 2:
             raise ConfigError(f"score_noise={self.score_noise}: expected below 2")
         if self.doubt > _MOST_DOUBT:
