@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lookonce.cli.evaluated_truth import open_truth, thin
 from lookonce.compare.associated import Associated
 from lookonce.compare.contenders.presets import associate_by, calibrated
-from lookonce.compare.contenders.registry import CROPS, PLAIN_SCORE, contenders
+from lookonce.compare.contenders.registry import PLAIN_SCORE
 from lookonce.compare.detection_store import read_detections
 from lookonce.compare.detections import DetectedSequence
 from lookonce.compare.jobs import select
@@ -27,6 +27,7 @@ from lookonce.compare.oracle import oracle_ids
 from lookonce.evaluation import TrackingResult, TrackingTruth, evaluate_tracking
 from lookonce.tracking.settings import choose_tracker
 from machine import describe_machine
+from others import chosen_others
 
 LEFT_OUT = 0.03
 LEAST_SCORE = 0.1
@@ -66,19 +67,14 @@ def main() -> None:
     parser.add_argument("--every", type=int, nargs="+", default=[1, 2, 4, 8])
     parser.add_argument("--draws", type=int, default=5)
     arguments = parser.parse_args()
-    known = contenders()
-    if unknown := [name for name in arguments.trackers if name == CROPS or name not in known]:
-        others = ", ".join(name for name in known if name != CROPS)
-        parser.error(f"--trackers {' '.join(unknown)}: expected of {others}")
-    if missing := [name for name in arguments.trackers if not known[name].is_installed]:
-        parser.error(f"--trackers {' '.join(missing)}: not installed; pip install 'lookonce[compare]'")
+    others = chosen_others(parser, arguments.trackers)
     (true,) = open_truth(arguments.truth, frames=arguments.frames)
     stored = read_detections(arguments.detections).sequence
     chosen = choose_tracker("default", arguments.changes)
     config = chosen.config if chosen.has_threshold else calibrated(chosen.config, stored)
-    least = {name: LEAST_SCORE if known[name].has_own_threshold else PLAIN_SCORE for name in arguments.trackers}
+    least = {name: LEAST_SCORE if one.has_own_threshold else PLAIN_SCORE for name, one in others.items()}
     ways = {"default": lambda sequence, _: associate_by(config, sequence)}
-    ways |= {name: lambda sequence, _, one=known[name]: one.answer(sequence) for name in arguments.trackers}
+    ways |= {name: lambda sequence, _, one=one: one.answer(sequence) for name, one in others.items()}
     ways["oracle"] = lambda sequence, truth: Associated.of(sequence, oracle_ids(sequence, truth, 0.5))
     print(describe_machine())
     print(f"{'tracker':12s} every  " + "  ".join(f"{name:>20s}" for name in FIGURES))

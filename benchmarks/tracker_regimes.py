@@ -24,12 +24,11 @@ from lookonce import Detections
 from lookonce.assignment import solve_dense
 from lookonce.compare.associated import Associated
 from lookonce.compare.contenders.presets import associate_by
-from lookonce.compare.contenders.registry import CROPS, contenders
 from lookonce.compare.detections import DetectedFrame, DetectedSequence
 from lookonce.tracking.settings import choose_tracker
 from machine import describe_machine
+from others import chosen_others
 
-BOX_PX = np.array([40.0, 80.0])
 SIDE_PX = 80.0  # of which speeds and ways below are multiples
 ERROR, MISSED, SCORE = 0.04, 0.05, 0.9
 DESCRIPTOR, SPREAD, THRESHOLD = 32, 0.35, 0.7
@@ -157,19 +156,13 @@ def main() -> None:
     parser.add_argument("--rates", type=float, nargs="+", default=RATES, help="frames a second")
     parser.add_argument("--scenes", type=int, default=5)
     arguments = parser.parse_args()
-    known = contenders()
-    if unknown := [name for name in arguments.trackers if name == CROPS or name not in known]:
-        parser.error(
-            f"--trackers {' '.join(unknown)}: expected of {', '.join(name for name in known if name != CROPS)}"
-        )
-    if missing := [name for name in arguments.trackers if not known[name].is_installed]:
-        parser.error(f"--trackers {' '.join(missing)}: not installed; pip install 'lookonce[compare]'")
+    others = chosen_others(parser, arguments.trackers)
     config = choose_tracker("default", arguments.changes).config
     ways: dict[str, tuple[bool, Callable[[DetectedSequence], Associated]]] = {
         "default, looks": (True, lambda sequence: associate_by(config, sequence)),
         "default": (False, lambda sequence: associate_by(config, sequence)),
     }
-    ways |= {name: (False, known[name].answer) for name in arguments.trackers}
+    ways |= {name: (False, one.answer) for name, one in others.items()}
     print(describe_machine())
     print(f"% of detections with their object's identity, mean of {arguments.scenes} scenes; frames a second:")
     print(f"{'regime':16s} {'tracker':16s} " + " ".join(f"{rate:6g}" for rate in arguments.rates))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.structures import NO_ID
-from lookonce.tracking.candidates import Frame, Pairs
+from lookonce.tracking.candidates import FARTHEST, Frame, Pairs
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.motion import log_sides
 from lookonce.tracking.objects import Objects
@@ -22,7 +22,6 @@ _F = NDArray[np.float64]
 _I = NDArray[np.int64]
 
 _NEAR = 0.5  # boxes, to which the way at ``alone_speed`` is added
-_FARTHEST = 12.0  # boxes
 # Boxes: no other that was just seen is nearer to the object, and no other detection to the detection, than they are to
 # each other and this; and nobody who may be hidden is nearer to the detection than the object.
 _APART = 1.5
@@ -32,20 +31,27 @@ _MOST_PAIRS = 1_000_000  # where there are more, nobody is alone
 
 
 def pairs_alone(
-    objects: Objects, unseen_s: _F, frame: Frame, pairs: Pairs, step_s: float, config: DefaultConfig
+    objects: Objects,
+    unseen_s: _F,
+    was_seen: NDArray[np.bool_],
+    frame: Frame,
+    pairs: Pairs,
+    step_s: float,
+    config: DefaultConfig,
 ) -> tuple[_I, _I]:
     """Objects and rows (M,) that have only each other.
 
     Args:
         objects: P of them, where they are expected.
         unseen_s: (P,) since when each was not seen.
+        was_seen: (P,) bool, in the frame before.
         frame: its rows, after the matching.
         pairs: which objects have been taken.
         step_s: since the frame before.
         config: the settings.
     """
     nobody = np.zeros(0, np.int64)
-    was_seen, is_known = unseen_s <= 1.01 * step_s, objects.ids != NO_ID
+    is_known = objects.ids != NO_ID
     lost = (was_seen & is_known & ~pairs.is_taken).nonzero()[0]
     if not len(lost) or config.motion.alone_speed <= 0:
         return nobody, nobody
@@ -54,7 +60,7 @@ def pairs_alone(
         return nobody, nobody
     values, states = objects.motions.values, frame.states.T
     side = np.exp(log_sides(values[:, lost]))
-    reach = min(_NEAR + config.motion.alone_speed * step_s, _FARTHEST) * side
+    reach = min(_NEAR + config.motion.alone_speed * step_s, FARTHEST) * side
     try:
         ours, theirs = near_pairs(values[:2, lost].T, reach, states[:2, free].T, _MOST_PAIRS)
         only = ((np.bincount(ours)[ours] == 1) & (np.bincount(theirs)[theirs] == 1)).nonzero()[0]

@@ -17,17 +17,19 @@ from lookonce.tracking.objects import Objects
 from lookonce.tracking.overlapping import Overlaps
 from lookonce.tracking.pairs import TooManyPairsError, near_pairs
 
-__all__ = ["LARGEST_DEVIATION", "TOUCHING", "Frame", "Pairs", "find_pairs"]
+__all__ = ["FARTHEST", "LARGEST_DEVIATION", "TOUCHING", "Frame", "Pairs", "find_pairs"]
 
 LARGEST_DEVIATION = 4.0
 """Standard deviations: pairs farther apart are not looked at."""
+
+FARTHEST = 12.0
+"""Boxes, in x and in y: farther away nobody is looked for, however long ago it was seen."""
 
 TOUCHING = 0.1
 """Overlap from which an object and a detection of another are near enough to be mistaken."""
 
 _MOST_PAIRS = 2_000_000  # half a gigabyte
 _MANY = 100  # usable rows: if they fill their picture as a crowd does, nobody looks for room in it
-_FARTHEST = 12.0  # boxes, in x and in y: farther away nobody is looked for, however long ago it was seen
 
 _TOUCHING_REACH = 0.82  # of the longest side: boxes of one size farther apart have an IoU below TOUCHING
 _WORST_SIZE = -4.0  # a part of an object that is seen alone must not end it
@@ -192,13 +194,13 @@ def find_pairs(
     # Farther out not even the best look makes a gain; a box that overlaps is looked at in any case.
     best_look = config.appearance_absent if frame.looks is None else config.best_look
     reach, widest = usual.reach(best_look), variance
-    if surprises is not None and other is not None:
+    if other is not None:
         reach = np.maximum(reach, other.reach(best_look))
-        widest = np.where(surprises.log_share > -np.inf, surprises.variance, variance)
-    farthest = np.minimum(LARGEST_DEVIATION * np.sqrt(widest), _FARTHEST * side)
+        widest = np.where(other.certainty > -np.inf, other.variance, variance)
+    farthest = np.minimum(LARGEST_DEVIATION * np.sqrt(widest), FARTHEST * side)
     wide = (was_seen & (np.minimum(4 * farthest**2, _room_in(frame)) > room)).nonzero()[0]
     reach[wide] = farthest[wide]
-    of_object, rows, are_all = _near_rows(objects.motions.place, np.minimum(reach, _FARTHEST * side), side, frame)
+    of_object, rows, are_all = _near_rows(objects.motions.place, np.minimum(reach, FARTHEST * side), side, frame)
     if len(wide) and are_all:
         counts = np.bincount(of_object, minlength=len(side))[wide]
         room[wide] = np.maximum(room[wide], _rooms(values[:2, wide], farthest[wide], side[wide], counts, frame.border))

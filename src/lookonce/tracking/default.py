@@ -55,7 +55,7 @@ class DefaultRule:
         self.explains = explains
         self._numbers: NDArray[np.int64] | None = None
         self._frame_number = 0
-        self._is_recent = np.zeros(0, np.bool_)  # objects that were seen lately
+        self._was_seen = self._is_recent = np.zeros(0, np.bool_)  # objects seen in the frame before, and lately
         self._ended: list[Ended] = []
 
     def update(
@@ -87,6 +87,7 @@ class DefaultRule:
         self._predict(step_s, camera)
         frame = self._look_at(detections, size)
         unseen_s = self.clock.now_s - self.objects.seen_s
+        self._was_seen = unseen_s <= 1.01 * step_s
         pairs = self._find_pairs(frame, unseen_s, step_s)
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         is_known = self.objects.ids != NO_ID
@@ -185,9 +186,8 @@ class DefaultRule:
 
     def _find_pairs(self, frame: Frame, unseen_s: NDArray[np.float64], step_s: float) -> Pairs:
         """Objects and rows that are near each other, after the picture has jumped if it did."""
-        was_seen = unseen_s <= 1.01 * step_s
-        pairs = find_pairs(self.objects, unseen_s, was_seen, frame, self.config)
-        jolt = find_jolt(self.objects, was_seen, frame, pairs) if self.config.jolts else None
+        pairs = find_pairs(self.objects, unseen_s, self._was_seen, frame, self.config)
+        jolt = find_jolt(self.objects, self._was_seen, frame, pairs) if self.config.jolts else None
         if jolt is None or not self._looks_true(jolt, frame):
             self.jolt_speed = np.zeros(2)
             return pairs
@@ -196,7 +196,7 @@ class DefaultRule:
         if is_again(speed, self.jolt_speed, jolt.cell / step_s):
             self.objects.motions.velocity[:] += speed
         self.jolt_speed = speed
-        return find_pairs(self.objects, unseen_s, was_seen, frame, self.config)
+        return find_pairs(self.objects, unseen_s, self._was_seen, frame, self.config)
 
     def _looks_true(self, jolt: Jolt, frame: Frame) -> bool:
         """Whether those who agree look as they did; one object alone has to."""
@@ -220,7 +220,7 @@ class DefaultRule:
 
     def _match_alone(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float) -> None:
         """Rows for objects that are alone, unless they look different."""
-        objects, rows = pairs_alone(self.objects, unseen_s, frame, pairs, step_s, self.config)
+        objects, rows = pairs_alone(self.objects, unseen_s, self._was_seen, frame, pairs, step_s, self.config)
         if frame.looks is not None and len(rows):
             distances = self.looks.distances(self.objects.slots[objects], frame.looks, rows)
             alike = (self._likeness(distances) + self.config.appearance_absent > 0).nonzero()[0]

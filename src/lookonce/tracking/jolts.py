@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.tracking.candidates import Frame, Pairs
+from lookonce.tracking.candidates import FARTHEST, Frame, Pairs
 from lookonce.tracking.motion import log_sides
 from lookonce.tracking.objects import Objects
 
@@ -22,10 +22,9 @@ _F = NDArray[np.float64]
 _MOST = 250_000  # pairs of objects and detections; where there are more, nothing is looked for: 640 of both
 _SHARE = 0.6  # of the objects seen in the frame before so many have to agree,
 _FEW = 4  # of fewer than so many all, and with all that is detected,
-_STAYED, _THERE = 0.2, 0.5  # and no more may overlap a detection by so much: those who set off together are no picture
-_FARTHEST = 12.0  # boxes, in x and in y
+_STAYED, _THERE = 0.2, 0.5  # and no more may overlap a detection by so much: those who set off are not all
 _CELL = 0.5  # boxes; votes within a square of two by two cells agree
-_SIDE = 2 * int(_FARTHEST / _CELL) + 4  # cells of all that is looked at
+_SIDE = 2 * int(FARTHEST / _CELL) + 4  # cells of all that is looked at
 
 
 class Jolt(NamedTuple):
@@ -66,7 +65,7 @@ def find_jolt(objects: Objects, was_seen: NDArray[np.bool_], frame: Frame, pairs
     values = objects.motions.values.take(seen, axis=1)
     cell = _CELL * float(np.median(np.exp(log_sides(values))))
     apart = (frame.states.T[:2].take(rows, axis=1)[:, np.newaxis] - values[:2, :, np.newaxis]) / cell  # (2, Q, N)
-    near = (np.abs(apart).max(axis=0) < _FARTHEST / _CELL).ravel().nonzero()[0]
+    near = (np.abs(apart).max(axis=0) < FARTHEST / _CELL).ravel().nonzero()[0]
     whose, which = near // len(rows), near % len(rows)
     x, y = apart.reshape(2, -1).take(near, axis=1)
     column, line = np.floor(x).astype(np.int64) + _SIDE // 2, np.floor(y).astype(np.int64) + _SIDE // 2
