@@ -67,6 +67,7 @@ ROOMS["make.training"] = (
     ROOMS["make"][0] | {"make.export", "make.descriptors", "synthetic"},
     ROOMS["make"][1] | {"PIL", "matplotlib"},
 )
+ROOMS["__main__"] = ({"cli"}, set())
 ROOMS["cli"][0].update({"demo", "make.training"})
 ROOMS["cli"][0].add("synthetic")
 ROOMS["report"] = ({*LEAVES, "datasets", "evaluation", "video", "model"}, {"numpy", "PIL"})

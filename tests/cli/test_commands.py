@@ -14,11 +14,13 @@ import pytest
 
 from squares import write_clip, write_darknet
 
-COMMAND = [sys.executable, "-c", "from lookonce.cli.app import main; main()"]
+COMMAND = [sys.executable, "-m", "lookonce"]
 # Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
 INTERRUPTIBLE = [
-    *COMMAND[:2],
-    f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {COMMAND[2]}",
+    sys.executable,
+    "-c",
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from lookonce.cli.app import main; main()",
 ]
 PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
 

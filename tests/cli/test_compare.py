@@ -12,10 +12,12 @@ import pytest
 
 from cli.running import Command
 from lookonce.cli.compare_detrac import THRESHOLDS
+from lookonce.cli.compare_scenes import picture_size_of
 from lookonce.compare.contenders.registry import contenders
+from lookonce.compare.detection_store import read_detections
 from lookonce.make.darknet.importer import import_darknet
 from make.probing.labelled_squares import truth_lines, write_squares
-from squares import write_darknet
+from squares import SIZE, write_darknet
 from test_ua_detrac_recipe import HEIGHT, TEST, WIDTH, write_detrac
 
 FRAMES = 12
@@ -111,6 +113,19 @@ def test_detections_of_others_leave_out_who_needs_descriptors(tmp_path: Path, sq
     assert content["oracle"]["figures"]["misses"] == 1
     assert content["oracle"]["figures"]["false_positives"] == 0
     assert content["kiou"]["seconds_a_frame"]["detect_s"] == 0
+
+
+def test_detections_of_others_come_with_the_size_of_the_pictures(tmp_path: Path, squares: Path, det_file: Path) -> None:
+    kept, out = tmp_path / "kept", tmp_path / "out"
+    done("--truth", squares, "--detections", det_file, "--trackers", "iou", "--cache", kept, "-o", out)
+    (stored,) = kept.glob("*.npz")
+    assert read_detections(stored).sequence.size == (SIZE, SIZE)
+
+
+def test_pictures_of_no_size_are_of_unknown_size(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert picture_size_of(tmp_path / "none") is None
+    assert picture_size_of(tmp_path / "empty") is None
 
 
 def test_results_in_ignored_regions_are_left_out_for_every_tracker(tmp_path: Path, squares: Path) -> None:

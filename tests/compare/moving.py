@@ -55,3 +55,17 @@ def ids_by_lane(ids: np.ndarray, owners: np.ndarray) -> list[set[int]]:
 def nothing(frames: int = 3) -> DetectedSequence:
     """Frames in which nothing was found."""
     return DetectedSequence.of_frames([DetectedFrame(n, n / FPS, Detections.empty(2)) for n in range(frames)])
+
+
+def leaves_and_comes() -> DetectedSequence:
+    """One that leaves over the right border of a picture of 480 x 640 px, and one that looks the same comes in there.
+
+    The picture's size is not told.
+    """
+
+    def where(frame: int) -> tuple[float, float] | None:
+        if 10 <= frame < 20:
+            return None
+        return (560.0 + 8 * frame, 200.0) if frame < 10 else (650.0 - 4 * (frame - 20), 200.0)
+
+    return make_sequence([where], 30)[0]

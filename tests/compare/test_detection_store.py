@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from lookonce.errors import FormatError, OutputError
 
 @pytest.fixture
 def stored():
-    return StoredDetections(make_sequence([lane(0), lane(90)])[0], 1.5, 0.5, (64, 48))
+    return StoredDetections(make_sequence([lane(0), lane(90)])[0], 1.5, 0.5)
 
 
 def rewrite(path, name, content):
@@ -33,14 +34,15 @@ def npy(array, **options):
     return data.getvalue()
 
 
+@pytest.mark.parametrize("size", [(64, 48), None])
 @pytest.mark.parametrize("has_descriptors", [True, False])
-def test_what_was_written_is_read(tmp_path, has_descriptors):
+def test_what_was_written_is_read(tmp_path, has_descriptors, size):
     sequence, _ = make_sequence([lane(0), lane(90, hidden=(2, 3))])
     if not has_descriptors:
         sequence = type(sequence)(*(getattr(sequence, name) for name in list(sequence.__slots__)[:6]))
-    write_detections(tmp_path / "new" / "a.npz", StoredDetections(sequence, 1.5, 0.5, (64, 48)))
+    write_detections(tmp_path / "new" / "a.npz", StoredDetections(replace(sequence, size=size), 1.5, 0.5))
     back = read_detections(tmp_path / "new" / "a.npz")
-    assert (back.detect_s, back.describe_s, back.size) == (1.5, 0.5, (64, 48))
+    assert (back.detect_s, back.describe_s, back.sequence.size) == (1.5, 0.5, size)
     for name in ("frames", "times", "starts", "xyxy", "scores", "labels"):
         assert np.array_equal(getattr(back.sequence, name), getattr(sequence, name))
     assert (back.sequence.descriptors is not None) == has_descriptors
@@ -64,6 +66,7 @@ def test_what_was_written_is_read(tmp_path, has_descriptors):
         ),
         pytest.param("version.npy", npy(np.array(7)), "version", id="version"),
         pytest.param("size.npy", npy(np.zeros(3, np.int64)), "another shape", id="size"),
+        pytest.param("size.npy", npy(np.array([64, -1])), "size", id="negative-size"),
         pytest.param("starts.npy", npy(np.full(13, 99)), "starts", id="starts"),
     ],
 )

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from compare.moving import leaves_and_comes
 from lookonce.errors import ConfigError
 from lookonce.evaluation import combine
 from lookonce.tracking import DefaultConfig, PaperConfig
+from lookonce.tuning.scenes import TuningScene
 from lookonce.tuning.scoring import Gain, Scorer, objective_value
 from tuning.blinking import DISTANCE, make_scene
 
@@ -45,6 +47,16 @@ def test_rows_given_back_count_in_their_own_frames():
     """An object is real from its second frame on, and gets its first row back, also where only some frames are used."""
     (scores,) = Scorer([make_scene().cut(2)[1]], [2]).scores(DefaultConfig(match_threshold=1.5))
     assert (scores.clear.misses, scores.clear.false_positives, scores.counts.frames) == (0, 0, 5)
+
+
+@pytest.mark.parametrize(("size", "tracks"), [((480, 640), 2), (None, 1)])
+def test_who_leaves_the_picture_is_gone(size, tracks):
+    """As in `lookonce track`, which knows the size as well."""
+    found = replace(leaves_and_comes(), size=size)
+    scene = TuningScene("a", make_scene(frames=30).truth, found)
+    (scores,) = Scorer([scene], [1]).scores(DefaultConfig())
+    assert scores.counts.tracks == tracks
+    assert (scene.digest() == TuningScene("a", scene.truth, leaves_and_comes()).digest()) == (size is None)
 
 
 def test_results_in_ignored_regions_are_left_out_at_every_frame_rate():

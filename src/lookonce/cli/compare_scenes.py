@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lookonce.cli.evaluated_truth import TrueSequence
@@ -17,11 +17,12 @@ from lookonce.compare.detection_files import find_detection_file, read_detection
 from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
 from lookonce.compare.detections import DetectedSequence
 from lookonce.datasets import usual_name
-from lookonce.errors import ConfigError
+from lookonce.errors import ConfigError, VideoError
 from lookonce.model import Model
+from lookonce.video import open_video
 from lookonce.video.opening import one_line
 
-__all__ = ["DetectionSource", "Scene", "gather", "labels_of"]
+__all__ = ["DetectionSource", "Scene", "gather", "labels_of", "picture_size_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +103,19 @@ def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path, scr
     if source.describer is not None:
         return _described(sequence, source, source.describer, found, screen)
     path = source.cache / f"{sequence.name}-given.npz"
-    write_detections(path, StoredDetections(found))
+    write_detections(path, StoredDetections(replace(found, size=picture_size_of(sequence.pictures))))
     return Scene(sequence, path, read_detections(path))
+
+
+def picture_size_of(pictures: Path) -> tuple[int, int] | None:
+    """(height, width) of the first picture; None where there is none that can be read, for no tracker needs it."""
+    if not os.path.exists(pictures):
+        return None
+    try:
+        with open_video(pictures) as video:
+            return video.size
+    except VideoError:
+        return None
 
 
 def _described(

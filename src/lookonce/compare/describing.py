@@ -86,17 +86,17 @@ def describe_sequence(
         return read_detections(path)
     descriptors = np.zeros((len(sequence), reader.descriptor.size), np.float32)
     places = {index: slice(*sequence.starts[n : n + 2].tolist()) for n, index in enumerate(sequence.frames.tolist())}
-    letterbox, seconds, size, done = Letterboxer(reader.size), 0.0, (0, 0), 0
+    letterbox, seconds, done = Letterboxer(reader.size), 0.0, 0
     with open_video(pictures, fps=fps) as video:
         for frame in video:
             rows = places.get(frame.index, slice(0, 0))
             start = time.perf_counter()
             canvas, placed = letterbox(frame.picture, frame.rotation)
             descriptors[rows] = reader.read(canvas, placed, sequence.xyxy[rows])
-            seconds, size, done = seconds + time.perf_counter() - start, placed.source, done + 1
+            seconds, done = seconds + time.perf_counter() - start, done + 1
             report(done, video.frame_count)
     threshold = reader.descriptor.match_threshold or 0.0
-    described = replace(sequence, descriptors=descriptors, match_threshold=threshold)
-    stored = StoredDetections(described, describe_s=seconds, size=size)
+    described = replace(sequence, descriptors=descriptors, match_threshold=threshold, size=video.size)
+    stored = StoredDetections(described, describe_s=seconds)
     write_detections(path, stored)
     return stored

@@ -59,7 +59,6 @@ def detect_sequence(
     frames, seconds = [], 0.0
     letterbox = Letterboxer(model.size)
     with open_video(pictures, fps=fps) as video:
-        size = video.size or (0, 0)
         for frame in video:
             start = time.perf_counter()
             canvas, placed = letterbox(frame.picture, frame.rotation)
@@ -69,6 +68,6 @@ def detect_sequence(
             report(len(frames), video.frame_count)
     descriptor = model.metadata.descriptor
     threshold = (descriptor.match_threshold or 0.0) if descriptor else 0.0
-    stored = StoredDetections(DetectedSequence.of_frames(frames, threshold), seconds, 0.0, size)
+    stored = StoredDetections(DetectedSequence.of_frames(frames, threshold, video.size), seconds)
     write_detections(path, stored)
     return stored

@@ -32,6 +32,7 @@ _DTYPES: dict[str, type] = {
     "size": np.int64,
 }
 _REMEDY = "remove the file, and it is made again"
+_NO_SIZE = (0, 0)  # pictures of unknown size
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +43,11 @@ class StoredDetections:
         sequence: the detections.
         detect_s: seconds for all frames, letterbox and inference; 0 = not known, as of a detections file.
         describe_s: seconds of a separate description step for all frames; 0 = there was none.
-        size: (height, width) in px of the pictures; (0, 0) = not known.
     """
 
     sequence: DetectedSequence
     detect_s: float = 0.0
     describe_s: float = 0.0
-    size: tuple[int, int] = (0, 0)
 
 
 def write_detections(path: Path, stored: StoredDetections) -> None:
@@ -68,7 +67,7 @@ def write_detections(path: Path, stored: StoredDetections) -> None:
         "labels": sequence.labels,
         "match_threshold": np.array(sequence.match_threshold),
         "stage_seconds": np.array([stored.detect_s, stored.describe_s]),
-        "size": np.array(stored.size, np.int64),
+        "size": np.array(sequence.size or _NO_SIZE, np.int64),
     }
     if sequence.descriptors is not None:
         arrays["descriptors"] = sequence.descriptors
@@ -91,6 +90,7 @@ def read_detections(path: Path) -> StoredDetections:
         seconds, size, threshold = arrays["stage_seconds"], arrays["size"], arrays["match_threshold"]
         if seconds.shape != (2,) or size.shape != (2,) or threshold.shape != ():
             raise ValueError("stage_seconds, size or match_threshold: another shape")
+        height, width = size.tolist()
         sequence = DetectedSequence(
             arrays["frames"],
             arrays["times"],
@@ -100,8 +100,8 @@ def read_detections(path: Path) -> StoredDetections:
             arrays["labels"],
             arrays.get("descriptors"),
             float(threshold),
+            None if (height, width) == _NO_SIZE else (height, width),
         )
     except (ValueError, IndexError) as exc:
         raise FormatError(one_line(path), 0, f"holds what cannot be detections ({exc}); {_REMEDY}") from exc
-    height, width = size.tolist()
-    return StoredDetections(sequence, float(seconds[0]), float(seconds[1]), (height, width))
+    return StoredDetections(sequence, float(seconds[0]), float(seconds[1]))

@@ -38,6 +38,7 @@ class DetectedSequence:
         labels: (R,) int64.
         descriptors: (R, D) float32, rows of unit length or zeros; None where there are none.
         match_threshold: calibrated largest distance of one object's descriptors; 0 = not known.
+        size: (height, width) of the pictures, px; None = not known.
 
     Raises:
         ValueError: a field has another shape, dtype or range.
@@ -51,6 +52,7 @@ class DetectedSequence:
     labels: NDArray[np.int64]
     descriptors: NDArray[np.float32] | None = None
     match_threshold: float = 0.0
+    size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         check_array("frames", self.frames, (None,), np.int64)
@@ -63,6 +65,8 @@ class DetectedSequence:
             raise ValueError("starts: expected rising numbers from 0 to the number of rows")
         check_boxes("xyxy", self.xyxy)
         Detections(self.xyxy, self.scores, self.labels, self.descriptors)  # checks the rest
+        if self.size is not None and min(self.size) < 1:
+            raise ValueError(f"size: expected (height, width) in px, got {self.size}")
 
     def __len__(self) -> int:
         return len(self.xyxy)
@@ -105,7 +109,9 @@ class DetectedSequence:
         return replace(kept, frames=self.frames[chosen], times=self.times[chosen], starts=starts)
 
     @classmethod
-    def of_frames(cls, frames: list[DetectedFrame], match_threshold: float = 0.0) -> DetectedSequence:
+    def of_frames(
+        cls, frames: list[DetectedFrame], match_threshold: float = 0.0, size: tuple[int, int] | None = None
+    ) -> DetectedSequence:
         """Frames one after the other, with descriptors if all that hold rows have them."""
         parts = [frame.detections for frame in frames]
         with_rows = [part for part in parts if len(part)] or parts[:1]
@@ -120,4 +126,5 @@ class DetectedSequence:
             np.concatenate([np.zeros(0, np.int64), *(part.labels for part in parts)]),
             np.concatenate(described) if has_all else None,
             match_threshold,
+            size,
         )

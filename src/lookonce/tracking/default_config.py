@@ -78,7 +78,7 @@ class DefaultConfig:
     duplicate_overlap: float = 0.3
     crowd_box: float = 3.5
     place_limit: float = 1.4
-    class_penalty: float = 3.0
+    class_penalty: float = 1.0
     memory_s: float = 8.0
     tentative_s: float = 0.5
     leave_s: float = 0.5

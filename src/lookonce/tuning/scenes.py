@@ -65,6 +65,7 @@ class TuningScene:
         """A number for all that scores depend on: another one, other truth or detections."""
         truth, found = self.truth, self.detections
         total = hashlib.sha256(self.name.encode("utf-8", "surrogateescape"))
+        total.update(f"{found.size}".encode())
         arrays: tuple[NDArray[Any], ...] = (
             truth.frames,
             truth.row_frames,

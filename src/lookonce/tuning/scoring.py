@@ -53,11 +53,15 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """A scene at one frame rate, its frames ready for a tracker, with how the camera moved (None: it did not)."""
+    """A scene at one frame rate, its frames ready for a tracker, with how the camera moved (None: it did not).
+
+    ``size`` is the pictures' (height, width), px; None: not known.
+    """
 
     truth: TrackingTruth
     frames: tuple[DetectedFrame, ...]
     cameras: tuple[NDArray[np.float64] | None, ...]
+    size: tuple[int, int] | None
 
 
 class Scorer:
@@ -112,7 +116,7 @@ def _prepare(scene: TuningScene, step: int) -> _Prepared:
         raise ConfigError(f"{scene.name}: no object that counts in {which} that is used; take more frames")
     maps = thinned.cameras.get(step, {})
     cameras = tuple(maps.get(index) for index in thinned.detections.frames.tolist())
-    return _Prepared(thinned.truth, tuple(thinned.detections), cameras)
+    return _Prepared(thinned.truth, tuple(thinned.detections), cameras, thinned.detections.size)
 
 
 def _parts(scene: TuningScene, every: Sequence[int]) -> list[tuple[TrackingTruth, ...]]:
@@ -125,6 +129,6 @@ def _associate(config: TrackerConfig, scene: _Prepared) -> TrackingResult:
     """What a new tracker makes of the detections."""
     tracker, collected = Tracker(config), ResultCollector()
     for frame, camera in zip(scene.frames, scene.cameras, strict=True):
-        tracks = tracker.update(frame.detections, frame.time_s, camera=camera, frame=frame.index)
+        tracks = tracker.update(frame.detections, frame.time_s, camera=camera, size=scene.size, frame=frame.index)
         collected.add(frame.index, tracks)
     return collected.result(one_class=True)
