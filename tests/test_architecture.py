@@ -83,7 +83,7 @@ ROOMS["make.probing"] = (
 )
 # trackers held against each other; those of others are imported inside functions
 ROOMS["compare"] = (
-    {*LEAVES, "datasets", "evaluation", "tracking", "model", "pipeline", "video", "output"},
+    {*LEAVES, "camera", "datasets", "evaluation", "tracking", "model", "pipeline", "video", "output"},
     {"numpy", "PIL", "ortools", "similari", "stonesoup", "supervision", "trackers"},
 )
 ROOMS["make.crops"] = (
@@ -96,7 +96,7 @@ ROOMS["make.given_boxes"] = ({*LEAVES, "model", "models", "make.export", "make.d
 ROOMS["cli"][0].add("make.given_boxes")
 # a tracker's settings searched on detections at hand
 ROOMS["tuning"] = (
-    {*LEAVES, "camera", "compare", "evaluation", "tracking", "video"},
+    {*LEAVES, "compare", "evaluation", "tracking"},
     {"numpy", "optuna"},
 )
 ROOMS["cli"][0].add("tuning")

@@ -26,6 +26,7 @@ from lookonce.tracking import DefaultConfig, PaperConfig, Tracker, TrackerConfig
 from lookonce.video import Frame, VideoSource, open_video, prefetch
 
 __all__ = [
+    "CAMERA_SIZE",
     "CanvasDetector",
     "Detector",
     "ModelFile",
@@ -41,7 +42,9 @@ __all__ = [
 
 _PAPERS_SCORE = 0.25  # the usual one of detectors
 _FRAMES_AHEAD = 4
-_CAMERA_SIZE = (384, 640)  # of the pictures in which the camera's motion is looked for, where there is no network
+CAMERA_SIZE = (384, 640)
+"""(height, width) of the pictures in which the camera's motion is looked for, where there is no network."""
+
 _MOST_WORKERS = 4  # each inference in flight holds its own activations in memory
 
 
@@ -305,7 +308,7 @@ def _detected(
             with closing(_detect(prepared, detector, workers, times)) as detected:
                 yield detected
     elif needs_luma:
-        with prefetch(_letterboxed(video, _CAMERA_SIZE, times, after), depth=_FRAMES_AHEAD) as prepared:
+        with prefetch(_letterboxed(video, CAMERA_SIZE, times, after), depth=_FRAMES_AHEAD) as prepared:
             yield ((frame, luma_of_canvas(canvas, fit), detector.detect(frame)) for frame, canvas, fit in prepared)
     else:
         with prefetch(_decoded(video, times, after), depth=_FRAMES_AHEAD) as frames:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cli.running import Command
+from compare.panning import PAN_PX, write_pan
 from lookonce.cli.compare_detrac import THRESHOLDS
 from lookonce.cli.compare_scenes import picture_size_of
 from lookonce.compare.contenders.registry import contenders
@@ -120,6 +121,30 @@ def test_detections_of_others_come_with_the_size_of_the_pictures(tmp_path: Path,
     done("--truth", squares, "--detections", det_file, "--trackers", "iou", "--cache", kept, "-o", out)
     (stored,) = kept.glob("*.npz")
     assert read_detections(stored).sequence.size == (SIZE, SIZE)
+
+
+def test_the_camera_is_followed_at_each_frame_rate_and_kept(tmp_path: Path) -> None:
+    """Speckles that shift by 3 px a frame, and a box that shifts with them."""
+    folder, frames = write_pan(tmp_path / "pan" / "img1", 9, PAN_PX).parent, range(9)
+    (folder / "gt").mkdir()
+    boxes = [f"{100 - PAN_PX * frame},100,30,60" for frame in frames]
+    (folder / "gt" / "gt.txt").write_text("".join(f"{n + 1},1,{box},1,1,1\n" for n, box in enumerate(boxes)))
+    found = tmp_path / "det.txt"
+    found.write_text("".join(f"{n + 1},-1,{box},0.9\n" for n, box in enumerate(boxes)))
+    arguments = ("--truth", folder, "--detections", found, "--cache", tmp_path / "kept", "-o", tmp_path / "out")
+
+    def cameras(trackers: str, *more: str) -> dict[int, dict[int, np.ndarray]]:
+        done(*arguments, "--trackers", trackers, *more)
+        (stored,) = (tmp_path / "kept").glob("*.npz")
+        return read_detections(stored).sequence.cameras
+
+    assert cameras("iou") == {}  # it does not ask
+    two = cameras("lookonce-iou", "--every", "2", "--overwrite")
+    assert {step: sorted(maps) for step, maps in two.items()} == {2: [2, 4, 6, 8]}
+    np.testing.assert_allclose(two[2][4], [[1, 0, -2 * PAN_PX], [0, 1, 0]], atol=0.6)
+    both = cameras("lookonce-iou", "--every", "1,2", "--overwrite")
+    assert sorted(both) == [1, 2]
+    assert [one.tolist() for one in both[2].values()] == [one.tolist() for one in two[2].values()]
 
 
 def test_pictures_of_no_size_are_of_unknown_size(tmp_path: Path) -> None:

@@ -40,9 +40,16 @@ def test_what_was_written_is_read(tmp_path, has_descriptors, size):
     sequence, _ = make_sequence([lane(0), lane(90, hidden=(2, 3))])
     if not has_descriptors:
         sequence = type(sequence)(*(getattr(sequence, name) for name in list(sequence.__slots__)[:6]))
-    write_detections(tmp_path / "new" / "a.npz", StoredDetections(replace(sequence, size=size), 1.5, 0.5))
+    camera = np.array([[1.0, 0, 5], [0, 1, 0]])
+    sequence = replace(sequence, size=size, cameras={1: {}, 2: {4: camera, 6: 2 * camera}})
+    write_detections(tmp_path / "new" / "a.npz", StoredDetections(sequence, 1.5, 0.5, 0.1))
     back = read_detections(tmp_path / "new" / "a.npz")
-    assert (back.detect_s, back.describe_s, back.sequence.size) == (1.5, 0.5, size)
+    assert (back.detect_s, back.describe_s, back.camera_score, back.sequence.size) == (1.5, 0.5, 0.1, size)
+    assert back.sequence.cameras[1] == {}
+    assert {frame: one.tolist() for frame, one in back.sequence.cameras[2].items()} == {
+        4: camera.tolist(),
+        6: (2 * camera).tolist(),
+    }
     for name in ("frames", "times", "starts", "xyxy", "scores", "labels"):
         assert np.array_equal(getattr(back.sequence, name), getattr(sequence, name))
     assert (back.sequence.descriptors is not None) == has_descriptors
@@ -67,6 +74,9 @@ def test_what_was_written_is_read(tmp_path, has_descriptors, size):
         pytest.param("version.npy", npy(np.array(7)), "version", id="version"),
         pytest.param("size.npy", npy(np.zeros(3, np.int64)), "another shape", id="size"),
         pytest.param("size.npy", npy(np.array([64, -1])), "size", id="negative-size"),
+        pytest.param("camera_rows.npy", npy(np.zeros((1, 2), np.int64)), "another shape", id="camera-rows"),
+        pytest.param("camera_steps.npy", npy(np.zeros((1, 2), np.int64)), "another shape", id="camera-steps"),
+        pytest.param("camera_score.npy", npy(np.zeros(2)), "another shape", id="camera-score"),
         pytest.param("starts.npy", npy(np.full(13, 99)), "starts", id="starts"),
     ],
 )

@@ -59,6 +59,29 @@ def test_who_leaves_the_picture_is_gone(size, tracks):
     assert (scene.digest() == TuningScene("a", scene.truth, leaves_and_comes()).digest()) == (size is None)
 
 
+def test_objects_are_kept_through_a_jerk_of_the_camera_that_is_known():
+    """From frame 10 on the picture lies elsewhere, so far that both objects seem to be new ones."""
+    scene, jerk = make_scene(speed=1.0), 300.0
+    truth, found = scene.truth, scene.detections
+    shift = np.where(truth.row_frames >= 10, jerk, 0.0)[:, None] * np.array([0, 1, 0, 1])
+    moved = replace(
+        scene,
+        truth=replace(truth, xyxy=truth.xyxy + shift),
+        detections=replace(found, xyxy=found.xyxy + shift.astype(np.float32), descriptors=None),
+    )
+    camera = np.array([[1.0, 0, 0], [0, 1, jerk]])
+    told = replace(moved, detections=replace(moved.detections, cameras={1: {10: camera}}))
+    config = DefaultConfig(appearance=False, jolts=False)
+    (without,), (with_camera,) = (Scorer([one], [1]).scores(config) for one in (moved, told))
+    assert (without.counts.tracks, with_camera.counts.tracks) == (4, 2)
+    assert with_camera.identity.idf1 == 1.0
+    (second,) = Scorer([told.cut(2)[1]], [1]).scores(config)
+    assert second.counts.tracks == 2
+    assert moved.digest() != told.digest()
+    other = replace(moved, detections=replace(moved.detections, cameras={2: {10: camera}}))
+    assert told.digest() != other.digest()
+
+
 def test_results_in_ignored_regions_are_left_out_at_every_frame_rate():
     """Of two objects that are seen only one has truth; the other one is where truth is not told."""
     scene = make_scene()

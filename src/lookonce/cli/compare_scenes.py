@@ -9,16 +9,18 @@ from pathlib import Path
 
 from lookonce.cli.evaluated_truth import TrueSequence
 from lookonce.cli.stages import StageScreen
+from lookonce.compare.cameras import camera_motions
 from lookonce.compare.contenders.registry import PLAIN_SCORE
 from lookonce.compare.crops import CropDescriber, describe_crops
 from lookonce.compare.describing import BoxReader, describe_sequence, described_file
 from lookonce.compare.detecting import detect_sequence, detections_file
-from lookonce.compare.detection_files import find_detection_file, read_detection_file
+from lookonce.compare.detection_files import find_detection_file, given_file, read_detection_file
 from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
 from lookonce.compare.detections import DetectedSequence
 from lookonce.datasets import usual_name
 from lookonce.errors import ConfigError, VideoError
 from lookonce.model import Model
+from lookonce.pipeline import CAMERA_SIZE
 from lookonce.video import open_video
 from lookonce.video.opening import one_line
 
@@ -38,6 +40,8 @@ class DetectionSource:
         cache: the folder where detections are kept.
         crops_from: boxes below this score are not described by the second network.
         describer: of the boxes in files; None = they have no descriptors.
+        every: frame rates at which it is to be seen how the camera moves; none where no tracker asks.
+        camera_score: boxes from here on are not looked into for that.
     """
 
     model: Model | None
@@ -48,6 +52,14 @@ class DetectionSource:
     cache: Path
     crops_from: float = PLAIN_SCORE
     describer: BoxReader | None = None
+    every: tuple[int, ...] = ()
+    camera_score: float = 0.0
+
+    @property
+    def camera_size(self) -> tuple[int, int]:
+        """(height, width) of the pictures in which the camera's motion is looked for: as ``lookonce track``."""
+        network = self.model or self.describer
+        return CAMERA_SIZE if network is None else network.size
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +101,34 @@ def gather(truth: Sequence[TrueSequence], source: DetectionSource, screen: Stage
     Raises:
         LookonceError: pictures or files are missing or wrong.
     """
-    return [
-        _from_file(sequence, source, source.files, screen) if source.files else _from_model(sequence, source, screen)
-        for sequence in truth
-    ]
+    scenes = []
+    for sequence in truth:
+        if source.files:
+            scene = _from_file(sequence, source, source.files, screen)
+        else:
+            scene = _from_model(sequence, source, screen)
+        scenes.append(_follow_camera(scene, source, screen))
+    return scenes
+
+
+def _follow_camera(scene: Scene, source: DetectionSource, screen: StageScreen) -> Scene:
+    """The scene with how its camera moves, of which what was not known yet is found and kept."""
+    stored, sequence = scene.stored, scene.stored.sequence
+    known = dict(sequence.cameras) if stored.camera_score == source.camera_score else {}
+    missing = [step for step in source.every if step not in known]
+    if not missing or sequence.size is None:
+        return scene
+    pictures, fps = _pictures(scene.true, source)
+    boxes = sequence.rows(sequence.scores >= source.camera_score)
+    for step in missing:
+
+        def report(done: int, total: int | None, step: int = step) -> None:
+            screen.stage(f"camera {scene.true.name}, every {step}", done, total, "frames")
+
+        known[step] = camera_motions(pictures, fps, step, boxes, source.camera_size, report)
+    stored = replace(stored, sequence=replace(sequence, cameras=known), camera_score=source.camera_score)
+    write_detections(scene.path, stored)
+    return replace(scene, stored=stored)
 
 
 def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path, screen: StageScreen) -> Scene:
@@ -102,8 +138,10 @@ def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path, scr
     found = read_detection_file(text, count, source.fps or sequence.fps)
     if source.describer is not None:
         return _described(sequence, source, source.describer, found, screen)
-    path = source.cache / f"{sequence.name}-given.npz"
-    write_detections(path, StoredDetections(replace(found, size=picture_size_of(sequence.pictures))))
+    found = replace(found, size=picture_size_of(sequence.pictures))
+    path = given_file(source.cache, sequence.name, None if found.size is None else sequence.pictures, found)
+    if not path.exists():
+        write_detections(path, StoredDetections(found))
     return Scene(sequence, path, read_detections(path))
 
 

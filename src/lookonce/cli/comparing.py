@@ -258,16 +258,20 @@ def _source(
 ) -> DetectionSource:
     names = [name.strip() for name in classes.split(",") if name.strip()]
     threads = threads or available_cpus()
+    every = settings.every if any(one.follows_camera for one in _chosen(settings)) else ()
     if detections is not None:
         if crops is not None or names:
             raise ConfigError("--crops and --classes go with a model's detections; files have neither")
         if not detections.exists():
             raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
         reader = None if model is None else open_describer(model, provider, threads)
-        return DetectionSource(None, detections, None, (), fps, cache, describer=reader)
+        return DetectionSource(
+            None, detections, None, (), fps, cache, describer=reader, every=every, camera_score=settings.score
+        )
     detector = Model(model or SHIPPED_MODEL, provider=provider, threads=threads, score_threshold=settings.score)
     describer = CropDescriber(crops, threads) if crops is not None else None
-    return DetectionSource(detector, None, describer, labels_of(detector, names), fps, cache)
+    labels = labels_of(detector, names)
+    return DetectionSource(detector, None, describer, labels, fps, cache, every=every, camera_score=settings.score)
 
 
 def _about(settings: _Settings, source: DetectionSource, sequences: Sequence[TrueSequence]) -> dict[str, object]:

@@ -177,12 +177,20 @@ def _tune(asked: _Asked, model: Model, truth: Sequence[TrueSequence]) -> None:
     start_s = time.perf_counter()
     start = tracker_for(model, asked.begin.config, asked.begin.threshold()).config
     ranges = choose_ranges(start, model.metadata.descriptor is not None, asked.only)
-    source = DetectionSource(model, None, None, labels_of(model, asked.classes), asked.fps, asked.output / "detections")
+    source = DetectionSource(
+        model,
+        None,
+        None,
+        labels_of(model, asked.classes),
+        asked.fps,
+        asked.output / "detections",
+        every=tuple(asked.every) if isinstance(start, DefaultConfig) else (),
+        camera_score=detector_score(start),
+    )
     seconds = None if asked.minutes is None else 60 * asked.minutes
     search = Search(start, ranges, asked.objective, asked.trials, seconds, asked.seed)
     with StageScreen() as screen:
-        follows = asked.every if isinstance(start, DefaultConfig) else ()
-        scenes = find_scenes(truth, source, asked.classes, follows, detector_score(start), screen)
+        scenes = find_scenes(truth, source, asked.classes, screen)
         data = hold_out(scenes, asked.holdout)
         searched, held_out = Scorer(data.searched, asked.every), Scorer(data.held_out, asked.every)
         screen.say(f"{data.in_words}; {len(ranges)} settings")

@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lookonce.cli.compare_scenes import DetectionSource, gather
 from lookonce.cli.evaluated_truth import TrueSequence, open_truth
 from lookonce.cli.stages import StageScreen
-from lookonce.compare.detections import DetectedSequence
 from lookonce.datasets import usual_name
 from lookonce.errors import ConfigError
 from lookonce.evaluation import TrackingTruth
-from lookonce.tuning.cameras import camera_motions
 from lookonce.tuning.scenes import TuningScene
 from lookonce.video.opening import one_line
 
@@ -62,8 +59,6 @@ def find_scenes(
     truth: Sequence[TrueSequence],
     source: DetectionSource,
     classes: Sequence[str],
-    every: Sequence[int],
-    score: float,
     screen: StageScreen,
 ) -> list[TuningScene]:
     """The sequences with the model's detections, found once and kept in the source's folder.
@@ -72,8 +67,6 @@ def find_scenes(
         truth: the sequences.
         source: of the detections: a model.
         classes: whose objects count.
-        every: frame rates at which it is to be seen how the camera moves; none where trackers do not ask.
-        score: boxes from here on hide the ground.
         screen: where progress goes.
 
     Raises:
@@ -83,7 +76,6 @@ def find_scenes(
     for sequence in truth:
         (scene,) = gather([sequence], source, screen)
         found = scene.stored.sequence
-        cameras = _cameras(sequence, source, found.rows(found.scores >= score), every, screen)
         if source.labels:
             found = found.rows(np.isin(found.labels, source.labels))
         size += len(found) * (64 + (0 if found.descriptors is None else found.descriptors[0:1].nbytes))
@@ -91,23 +83,8 @@ def find_scenes(
             raise ConfigError(
                 f"{one_line(sequence.name)}: with it more than {_MAX_BYTES // 10**9} GB of detections; tune on fewer"
             )
-        scenes.append(TuningScene(sequence.name, _of_classes(sequence, classes, screen), found, cameras))
+        scenes.append(TuningScene(sequence.name, _of_classes(sequence, classes, screen), found))
     return scenes
-
-
-def _cameras(
-    sequence: TrueSequence, source: DetectionSource, found: DetectedSequence, every: Sequence[int], screen: StageScreen
-) -> dict[int, dict[int, NDArray[np.float64]]]:
-    assert source.model is not None
-    cameras = {}
-    for step in every:
-
-        def report(done: int, total: int | None, step: int = step) -> None:
-            screen.stage(f"camera {sequence.name}, every {step}", done, total, "frames")
-
-        fps = None if sequence.pictures.is_file() else source.fps or sequence.fps
-        cameras[step] = camera_motions(sequence.pictures, fps, step, found, source.model.size, report)
-    return cameras
 
 
 def _of_classes(sequence: TrueSequence, classes: Sequence[str], screen: StageScreen) -> TrackingTruth:

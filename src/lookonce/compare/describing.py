@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lookonce.compare.detecting import fingerprint_of
-from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
+from lookonce.compare.detection_store import StoredDetections, read_detections, rows_digest, write_detections
 from lookonce.compare.detections import DetectedSequence
 from lookonce.letterbox import Fit, Letterboxer
 from lookonce.model import DescriptorInfo
@@ -22,7 +20,7 @@ from lookonce.video import open_video
 
 __all__ = ["BoxReader", "describe_sequence", "described_file"]
 
-_FORMAT = 1  # raised where other descriptors come of the same settings
+_FORMAT = 2  # raised where other descriptors come of the same settings
 
 
 class BoxReader(Protocol):
@@ -55,10 +53,8 @@ class BoxReader(Protocol):
 
 def described_file(folder: Path, name: str, pictures: Path, sequence: DetectedSequence, reader: BoxReader) -> Path:
     """Where the described detections of a sequence are kept; the name changes with everything that they depend on."""
-    total = hashlib.sha256(json.dumps([_FORMAT, fingerprint_of(pictures), reader.sha256]).encode())
-    for array in (sequence.times, sequence.starts, sequence.xyxy, sequence.scores):
-        total.update(np.ascontiguousarray(array).tobytes())
-    return folder / f"{name}-described-{total.hexdigest()[:16]}.npz"
+    key = rows_digest(sequence, [_FORMAT, fingerprint_of(pictures), reader.sha256])
+    return folder / f"{name}-described-{key}.npz"
 
 
 def describe_sequence(

@@ -18,7 +18,7 @@ from lookonce.video.images import pictures_in
 
 __all__ = ["detect_sequence", "detections_file", "fingerprint_of"]
 
-_FORMAT = 1  # raised where other detections come of the same settings
+_FORMAT = 2  # raised where other detections come of the same settings
 
 
 def fingerprint_of(pictures: Path) -> str:

@@ -6,13 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from lookonce.compare.detecting import fingerprint_of
+from lookonce.compare.detection_store import rows_digest
 from lookonce.compare.detections import DEFAULT_FPS, DetectedSequence
 from lookonce.datasets.text import fault, read_table, whole
 from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES
 from lookonce.errors import ConfigError
 from lookonce.video.opening import one_line
 
-__all__ = ["find_detection_file", "read_detection_file"]
+__all__ = ["find_detection_file", "given_file", "read_detection_file"]
+
+_FORMAT = 1  # raised where other detections come of the same file
 
 _COLUMNS = "frame, number, left, top, width, height, score"
 _SCORE = 6
@@ -39,6 +43,15 @@ def find_detection_file(place: Path, name: str) -> Path:
 def _escaped(name: str) -> str:
     """``name`` as a pattern that fits only itself."""
     return "".join(f"[{c}]" if c in "*?[" else c for c in name)
+
+
+def given_file(folder: Path, name: str, pictures: Path | None, sequence: DetectedSequence) -> Path:
+    """Where detections of a text file are kept in the form that trackers' processes read.
+
+    The name changes with them and with the pictures (None: there are none).
+    """
+    key = rows_digest(sequence, [_FORMAT, "" if pictures is None else fingerprint_of(pictures)])
+    return folder / f"{name}-given-{key}.npz"
 
 
 def read_detection_file(path: Path, frame_count: int | None, fps: float | None) -> DetectedSequence:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +16,9 @@ from lookonce.compare.detections import DetectedSequence
 from lookonce.errors import FormatError
 from lookonce.video.opening import one_line
 
-__all__ = ["StoredDetections", "read_detections", "write_detections"]
+__all__ = ["StoredDetections", "read_detections", "rows_digest", "write_detections"]
 
-_VERSION = 1
+_VERSION = 2
 _MAX_BYTES = 4_000_000_000  # 8 million rows of 128 values
 _DTYPES: dict[str, type] = {
     "version": np.int64,
@@ -30,6 +32,10 @@ _DTYPES: dict[str, type] = {
     "match_threshold": np.float64,
     "stage_seconds": np.float64,
     "size": np.int64,
+    "camera_score": np.float64,
+    "camera_steps": np.int64,
+    "camera_rows": np.int64,
+    "camera_maps": np.float64,
 }
 _REMEDY = "remove the file, and it is made again"
 _NO_SIZE = (0, 0)  # pictures of unknown size
@@ -43,11 +49,21 @@ class StoredDetections:
         sequence: the detections.
         detect_s: seconds for all frames, letterbox and inference; 0 = not known, as of a detections file.
         describe_s: seconds of a separate description step for all frames; 0 = there was none.
+        camera_score: boxes from this score on were not looked into for how the camera moved.
     """
 
     sequence: DetectedSequence
     detect_s: float = 0.0
     describe_s: float = 0.0
+    camera_score: float = 0.0
+
+
+def rows_digest(sequence: DetectedSequence, others: list[int | str]) -> str:
+    """A short name for all rows of a sequence, and for what else is to be told apart."""
+    total = hashlib.sha256(json.dumps(others).encode())
+    for array in (sequence.times, sequence.starts, sequence.xyxy, sequence.scores):
+        total.update(np.ascontiguousarray(array).tobytes())
+    return total.hexdigest()[:16]
 
 
 def write_detections(path: Path, stored: StoredDetections) -> None:
@@ -68,6 +84,8 @@ def write_detections(path: Path, stored: StoredDetections) -> None:
         "match_threshold": np.array(sequence.match_threshold),
         "stage_seconds": np.array([stored.detect_s, stored.describe_s]),
         "size": np.array(sequence.size or _NO_SIZE, np.int64),
+        "camera_score": np.array(stored.camera_score),
+        **_camera_arrays(sequence),
     }
     if sequence.descriptors is not None:
         arrays["descriptors"] = sequence.descriptors
@@ -88,8 +106,8 @@ def read_detections(path: Path) -> StoredDetections:
         )
     try:
         seconds, size, threshold = arrays["stage_seconds"], arrays["size"], arrays["match_threshold"]
-        if seconds.shape != (2,) or size.shape != (2,) or threshold.shape != ():
-            raise ValueError("stage_seconds, size or match_threshold: another shape")
+        if seconds.shape != (2,) or size.shape != (2,) or threshold.shape or arrays["camera_score"].shape:
+            raise ValueError("stage_seconds, size, match_threshold or camera_score: another shape")
         height, width = size.tolist()
         sequence = DetectedSequence(
             arrays["frames"],
@@ -101,7 +119,30 @@ def read_detections(path: Path) -> StoredDetections:
             arrays.get("descriptors"),
             float(threshold),
             None if (height, width) == _NO_SIZE else (height, width),
+            _cameras(arrays),
         )
     except (ValueError, IndexError) as exc:
         raise FormatError(one_line(path), 0, f"holds what cannot be detections ({exc}); {_REMEDY}") from exc
-    return StoredDetections(sequence, float(seconds[0]), float(seconds[1]))
+    return StoredDetections(sequence, float(seconds[0]), float(seconds[1]), float(arrays["camera_score"]))
+
+
+def _camera_arrays(sequence: DetectedSequence) -> dict[str, NDArray[Any]]:
+    """The steps that were looked at (S,), and of each map (K, 2, 3) its step and frame (K, 2)."""
+    moved = [(step, frame) for step, maps in sequence.cameras.items() for frame in maps]
+    return {
+        "camera_steps": np.array(list(sequence.cameras), np.int64),
+        "camera_rows": np.array(moved, np.int64).reshape(-1, 2),
+        "camera_maps": np.array([sequence.cameras[step][frame] for step, frame in moved]).reshape(-1, 2, 3),
+    }
+
+
+def _cameras(arrays: dict[str, NDArray[Any]]) -> dict[int, dict[int, NDArray[np.float64]]]:
+    steps, rows, maps = arrays["camera_steps"], arrays["camera_rows"], arrays["camera_maps"]
+    if steps.ndim != 1 or rows.shape != (len(maps), 2) or maps.shape[1:] != (2, 3):
+        raise ValueError("camera_steps, camera_rows or camera_maps: another shape")
+    cameras: dict[int, dict[int, NDArray[np.float64]]] = {step: {} for step in steps.tolist()}
+    for (step, frame), one in zip(rows.tolist(), maps, strict=True):
+        if step not in cameras:
+            raise ValueError(f"camera_rows: step {step} is not among those looked at")
+        cameras[step][frame] = one
+    return cameras

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,19 @@ DEFAULT_FPS = 25.0
 
 @dataclass(frozen=True, slots=True)
 class DetectedFrame:
-    """One frame: its number in the source from 0, its time in seconds, and what was found in it."""
+    """One frame.
+
+    Attributes:
+        index: its number in the source, from 0.
+        time_s: when it was taken, s.
+        detections: what was found in it.
+        camera: (2, 3) float64, where pixels of the frame before are now; None: where they were, or nobody looked.
+    """
 
     index: int
     time_s: float
     detections: Detections
+    camera: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +47,8 @@ class DetectedSequence:
         descriptors: (R, D) float32, rows of unit length or zeros; None where there are none.
         match_threshold: calibrated largest distance of one object's descriptors; 0 = not known.
         size: (height, width) of the pictures, px; None = not known.
+        cameras: how the camera moved where that was looked for: taking every so many-th frame -> number of a frame in
+            which it did -> (2, 3) float64 map from the frame before, px.
 
     Raises:
         ValueError: a field has another shape, dtype or range.
@@ -53,6 +63,7 @@ class DetectedSequence:
     descriptors: NDArray[np.float32] | None = None
     match_threshold: float = 0.0
     size: tuple[int, int] | None = None
+    cameras: Mapping[int, Mapping[int, NDArray[np.float64]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_array("frames", self.frames, (None,), np.int64)
@@ -67,16 +78,23 @@ class DetectedSequence:
         Detections(self.xyxy, self.scores, self.labels, self.descriptors)  # checks the rest
         if self.size is not None and min(self.size) < 1:
             raise ValueError(f"size: expected (height, width) in px, got {self.size}")
+        for maps in self.cameras.values():
+            for one in maps.values():
+                check_array("cameras", one, (2, 3), np.float64)
+                check_finite("cameras", one)
+                if one[0, 0] * one[1, 1] == one[0, 1] * one[1, 0]:
+                    raise ValueError("cameras: expected maps that can be undone")
 
     def __len__(self) -> int:
         return len(self.xyxy)
 
     def __iter__(self) -> Iterator[DetectedFrame]:
+        maps = self.cameras.get(1, {})
         for number, (index, time_s) in enumerate(zip(self.frames.tolist(), self.times.tolist(), strict=True)):
             rows = slice(int(self.starts[number]), int(self.starts[number + 1]))
             descriptors = None if self.descriptors is None else self.descriptors[rows]
             found = Detections(self.xyxy[rows], self.scores[rows], self.labels[rows], descriptors)
-            yield DetectedFrame(index, time_s, found)
+            yield DetectedFrame(index, time_s, found, maps.get(index))
 
     @property
     def row_frames(self) -> NDArray[np.int64]:
@@ -102,11 +120,12 @@ class DetectedSequence:
         )
 
     def every(self, step: int) -> DetectedSequence:
-        """The frames whose number is a multiple of ``step``."""
+        """The frames whose number is a multiple of ``step``; the camera moved as was looked for at that rate."""
         chosen = self.frames % step == 0
         kept = self.rows(np.repeat(chosen, np.diff(self.starts)))
         starts = np.concatenate([[0], np.cumsum(np.diff(kept.starts)[chosen])]).astype(np.int64)
-        return replace(kept, frames=self.frames[chosen], times=self.times[chosen], starts=starts)
+        cameras = {1: self.cameras[step]} if step in self.cameras else {}
+        return replace(kept, frames=self.frames[chosen], times=self.times[chosen], starts=starts, cameras=cameras)
 
     @classmethod
     def of_frames(

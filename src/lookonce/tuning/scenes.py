@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,14 +23,11 @@ class TuningScene:
         name: of the sequence.
         truth: what is to be found.
         detections: what the detector found, from the lowest score on that any settings may ask for.
-        cameras: how the camera moved: taking every so many-th frame -> frame number -> (2, 3) map from the frame
-            before. Where nothing stands, it did not.
     """
 
     name: str
     truth: TrackingTruth
     detections: DetectedSequence
-    cameras: Mapping[int, Mapping[int, NDArray[np.float64]]] = field(default_factory=dict)
 
     @property
     def has_objects(self) -> bool:
@@ -79,7 +75,7 @@ class TuningScene:
         for array in (*arrays, *(() if found.descriptors is None else (found.descriptors,))):
             total.update(f"{array.shape} {array.dtype}".encode())
             total.update(np.ascontiguousarray(array).data)
-        for step, maps in sorted(self.cameras.items()):
+        for step, maps in sorted(found.cameras.items()):
             for frame in np.intersect1d(np.array(sorted(maps), np.int64), found.frames).tolist():
                 total.update(f"{step} {frame} {maps[frame].tolist()}".encode())
         return total.hexdigest()

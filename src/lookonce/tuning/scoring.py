@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lookonce.compare.detections import DetectedFrame
 from lookonce.errors import ConfigError
@@ -53,14 +52,10 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """A scene at one frame rate, its frames ready for a tracker, with how the camera moved (None: it did not).
-
-    ``size`` is the pictures' (height, width), px; None: not known.
-    """
+    """A scene at one frame rate, its frames ready for a tracker; ``size`` of the pictures as ``DetectedSequence``."""
 
     truth: TrackingTruth
     frames: tuple[DetectedFrame, ...]
-    cameras: tuple[NDArray[np.float64] | None, ...]
     size: tuple[int, int] | None
 
 
@@ -114,9 +109,7 @@ def _prepare(scene: TuningScene, step: int) -> _Prepared:
     if not thinned.has_objects:
         which = f"every {step}th frame of the part" if step > 1 else "the part"
         raise ConfigError(f"{scene.name}: no object that counts in {which} that is used; take more frames")
-    maps = thinned.cameras.get(step, {})
-    cameras = tuple(maps.get(index) for index in thinned.detections.frames.tolist())
-    return _Prepared(thinned.truth, tuple(thinned.detections), cameras, thinned.detections.size)
+    return _Prepared(thinned.truth, tuple(thinned.detections), thinned.detections.size)
 
 
 def _parts(scene: TuningScene, every: Sequence[int]) -> list[tuple[TrackingTruth, ...]]:
@@ -128,7 +121,7 @@ def _parts(scene: TuningScene, every: Sequence[int]) -> list[tuple[TrackingTruth
 def _associate(config: TrackerConfig, scene: _Prepared) -> TrackingResult:
     """What a new tracker makes of the detections."""
     tracker, collected = Tracker(config), ResultCollector()
-    for frame, camera in zip(scene.frames, scene.cameras, strict=True):
-        tracks = tracker.update(frame.detections, frame.time_s, camera=camera, size=scene.size, frame=frame.index)
+    for frame in scene.frames:
+        tracks = tracker.update(frame.detections, frame.time_s, camera=frame.camera, size=scene.size, frame=frame.index)
         collected.add(frame.index, tracks)
     return collected.result(one_class=True)

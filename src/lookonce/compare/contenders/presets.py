@@ -38,7 +38,7 @@ def associate_by(config: TrackerConfig, sequence: DetectedSequence) -> Associate
     ids, xyxy, gaps = np.full(len(sequence), NO_ID, np.int64), sequence.xyxy.copy(), [Filled.nothing()]
     for number, frame in enumerate(sequence):
         first, last = sequence.starts[number : number + 2].tolist()
-        tracks = tracker.update(frame.detections, frame.time_s, size=sequence.size, frame=number)
+        tracks = tracker.update(frame.detections, frame.time_s, camera=frame.camera, size=sequence.size, frame=number)
         ids[first:last], xyxy[first:last] = tracks.ids, tracks.xyxy
         back = tracks.given_back
         rows = sequence.starts[back.frames] + back.rows  # of the time before it was confirmed

@@ -25,7 +25,7 @@ from lookonce.compare.contenders.presets import associate_preset, needs_descript
 from lookonce.compare.contenders.stone_soup import associate_jpda, associate_mht
 from lookonce.compare.contenders.visual_sort import associate_visual_sort
 from lookonce.compare.detections import DetectedSequence
-from lookonce.tracking import PRESETS
+from lookonce.tracking import PRESETS, DefaultConfig
 
 __all__ = ["CROPS", "PLAIN_SCORE", "Contender", "contenders"]
 
@@ -55,6 +55,7 @@ class Contender:
         uses_descriptors: whether it looks at them where there are any.
         has_own_threshold: whether it looks at scores itself; if not, it gets detections from ``PLAIN_SCORE`` on.
         is_online: whether it answers frame by frame.
+        follows_camera: whether it takes into account how the camera moved.
         needs: the package that has to be installed, and its module; "" = our own.
     """
 
@@ -65,6 +66,7 @@ class Contender:
     uses_descriptors: bool = False
     has_own_threshold: bool = True
     is_online: bool = True
+    follows_camera: bool = False
     needs: tuple[str, str] = ("", "")
 
     def answer(self, sequence: DetectedSequence) -> Associated:
@@ -121,6 +123,7 @@ def _preset(name: str) -> Contender:
         is_needy,
         is_needy or bool(getattr(config, _APPEARANCE, False)),
         has_own_threshold=any("score" in field.name for field in fields(config)),
+        follows_camera=isinstance(config, DefaultConfig),
     )
 
 
