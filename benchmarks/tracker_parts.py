@@ -3,11 +3,11 @@
     python benchmarks/tracker_parts.py
     python benchmarks/tracker_parts.py --case PETS09-S2L1 detections/PETS09-S2L1-0123456789abcdef.npz 0 --draws 2
 
-Each `--case` is a sequence with truth, its detections as `lookonce compare --cache detections` keeps them, and the
-numbers of the classes that count (default: all); protocol `trackeval`, every 1st, 2nd, 4th and 8th frame, `--draws` as
-in `tracker_draws.py`. Beside them stand the scripted scenes of `tracker_regimes.py`, with descriptors and without. A
-part is switched off by the settings that its line names; what counts is the mean over cases, frame rates and draws,
-and the sum of the identity switches.
+Each `--case` is a sequence with truth, its detections as `lookonce compare --cache detections` keeps them, its pictures
+where they do not lie beside the truth, and the numbers of the classes that count (default: all); protocol `trackeval`,
+every 1st, 2nd, 4th and 8th frame, `--draws` as in `tracker_draws.py`. Beside them stand the scripted scenes of
+`tracker_regimes.py`, with descriptors and without. `PARTS` says by which settings a part is switched off; what counts
+is the mean over cases, frame rates and draws, and of the identity switches the sum.
 """
 
 from __future__ import annotations
@@ -77,14 +77,16 @@ class Options:
 def on_cases(changes: list[str], options: Options) -> NDArray[np.float64]:
     """(K, 5) ``FIGURES`` with such settings, of each case, frame rate and draw."""
     chosen, rows = choose_tracker("default", changes), []
-    for name, detections, *labels in options.cases:
-        (true,) = open_truth(Path(name))
+    for name, detections, *rest in options.cases:
+        labels = tuple(int(word) for word in rest if word.isdigit())
+        pictures = [Path(word) for word in rest if not word.isdigit()]
+        (true,) = open_truth(Path(name), frames=pictures[0] if pictures else None)
         stored = read_detections(Path(detections)).sequence
         config = chosen.config if chosen.has_threshold else calibrated(chosen.config, stored)
         for every in EVERY:
             truth = thin(true, every).truth
             for number in range(options.draws):
-                drawn = select(draw(stored, number), every, LEAST_SCORE, tuple(map(int, labels)))
+                drawn = select(draw(stored, number), every, LEAST_SCORE, labels)
                 rows.append(figures(truth, drawn, associate_by(config, drawn)))
     return np.array(rows).reshape(-1, len(FIGURES))
 
@@ -112,7 +114,7 @@ def measure(changes: list[str], options: Options) -> list[float]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    case_help = "truth, detections, class numbers; may be repeated"
+    case_help = "truth, detections, pictures, class numbers; may be repeated"
     parser.add_argument("--case", nargs="+", action="append", default=[], dest="cases", metavar="WHAT", help=case_help)
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--set", action="append", default=[], dest="changes", metavar="NAME=VALUE", help="in all lines")

@@ -19,10 +19,13 @@ __all__ = [
     "Tracks",
     "check_array",
     "check_boxes",
+    "check_cameras",
     "check_finite",
     "class_name",
     "has_unit_length",
 ]
+
+_LEAST_GROWTH = 1e-4  # of areas from one frame to the next; also what it may be at most, the other way round
 
 NO_ID = -1
 """The id of a row that has no identity (yet)."""
@@ -59,6 +62,19 @@ def check_finite(name: str, array: NDArray[np.floating]) -> None:
     """Raise ``ValueError`` for NaN or infinity."""
     if not np.isfinite(array).all():
         raise ValueError(f"{name}: expected finite numbers, got NaN or infinity")
+
+
+def check_cameras(name: str, maps: NDArray[np.float64]) -> None:
+    """Raise ``ValueError`` unless all of ``maps`` (K, 2, 3) float64 are finite and can be undone."""
+    if not (isinstance(maps, np.ndarray) and maps.shape[1:] == (2, 3) and maps.dtype == np.float64):
+        raise ValueError(f"{name}: expected affine maps (2, 3) float64, got another shape or dtype")
+    check_finite(name, maps)
+    with np.errstate(over="ignore", invalid="ignore"):
+        growth = np.abs(maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0])
+    is_possible = (growth >= _LEAST_GROWTH) & (growth <= 1 / _LEAST_GROWTH)
+    if not is_possible.all():
+        times = growth[~is_possible][0]
+        raise ValueError(f"{name}: expected an affine map that can be undone, got one that makes areas {times:g} times")
 
 
 def check_boxes(name: str, xyxy: NDArray[np.float32]) -> None:

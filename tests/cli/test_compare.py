@@ -12,8 +12,10 @@ import pytest
 
 from cli.running import Command
 from compare.panning import PAN_PX, write_pan
+from lookonce.cli import compare_scenes
 from lookonce.cli.compare_detrac import THRESHOLDS
-from lookonce.cli.compare_scenes import picture_size_of
+from lookonce.cli.compare_scenes import look_at_pictures
+from lookonce.compare.cameras import camera_motions
 from lookonce.compare.contenders.registry import contenders
 from lookonce.compare.detection_store import read_detections
 from lookonce.make.darknet.importer import import_darknet
@@ -123,7 +125,7 @@ def test_detections_of_others_come_with_the_size_of_the_pictures(tmp_path: Path,
     assert read_detections(stored).sequence.size == (SIZE, SIZE)
 
 
-def test_the_camera_is_followed_at_each_frame_rate_and_kept(tmp_path: Path) -> None:
+def test_the_camera_is_followed_at_each_frame_rate_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Speckles that shift by 3 px a frame, and a box that shifts with them."""
     folder, frames = write_pan(tmp_path / "pan" / "img1", 9, PAN_PX).parent, range(9)
     (folder / "gt").mkdir()
@@ -142,15 +144,29 @@ def test_the_camera_is_followed_at_each_frame_rate_and_kept(tmp_path: Path) -> N
     two = cameras("lookonce-iou", "--every", "2", "--overwrite")
     assert {step: sorted(maps) for step, maps in two.items()} == {2: [2, 4, 6, 8]}
     np.testing.assert_allclose(two[2][4], [[1, 0, -2 * PAN_PX], [0, 1, 0]], atol=0.6)
+    looked: list[int] = []
+
+    def noted(pictures: Path, fps: float | None, every: int, *rest: object) -> object:
+        looked.append(every)
+        return camera_motions(pictures, fps, every, *rest)
+
+    monkeypatch.setattr(compare_scenes, "camera_motions", noted)
     both = cameras("lookonce-iou", "--every", "1,2", "--overwrite")
-    assert sorted(both) == [1, 2]
-    assert [one.tolist() for one in both[2].values()] == [one.tolist() for one in two[2].values()]
+    assert (looked, sorted(both)) == ([1], [1, 2])
+    cameras("lookonce-iou", "--every", "2", "--score", "0.3", "--overwrite")
+    assert looked == [1, 2]  # other boxes hide the ground
 
 
-def test_pictures_of_no_size_are_of_unknown_size(tmp_path: Path) -> None:
+def test_detections_of_others_do_without_pictures_that_cannot_be_read(
+    tmp_path: Path, squares: Path, det_file: Path
+) -> None:
     (tmp_path / "empty").mkdir()
-    assert picture_size_of(tmp_path / "none") is None
-    assert picture_size_of(tmp_path / "empty") is None
+    assert look_at_pictures(tmp_path / "none") == (None, "")
+    assert look_at_pictures(tmp_path / "empty") == (None, "")
+    (squares / "img1" / "zz.png").symlink_to(tmp_path / "none")
+    assert look_at_pictures(squares / "img1") == (None, "")
+    shown = done("--truth", squares, "--detections", det_file, "--trackers", "lookonce-iou", "-o", tmp_path / "out")
+    assert "lookonce iou" in shown.stdout
 
 
 def test_results_in_ignored_regions_are_left_out_for_every_tracker(tmp_path: Path, squares: Path) -> None:

@@ -77,6 +77,10 @@ def test_what_was_written_is_read(tmp_path, has_descriptors, size):
         pytest.param("camera_rows.npy", npy(np.zeros((1, 2), np.int64)), "another shape", id="camera-rows"),
         pytest.param("camera_steps.npy", npy(np.zeros((1, 2), np.int64)), "another shape", id="camera-steps"),
         pytest.param("camera_score.npy", npy(np.zeros(2)), "another shape", id="camera-score"),
+        pytest.param("camera_maps.npy", npy(np.array(1.0)), "cannot be", id="camera-maps"),
+        pytest.param("xyxy.npy", npy(np.array(1.0, np.float32)), "cannot be", id="no-rows"),
+        pytest.param("camera_steps.npy", npy(np.array([-1])), "not", id="negative-step"),
+        pytest.param("camera_steps.npy", npy(np.arange(1, 2000)), "more than", id="many-steps"),
         pytest.param("starts.npy", npy(np.full(13, 99)), "starts", id="starts"),
     ],
 )

@@ -13,7 +13,7 @@ from lookonce.compare.cameras import camera_motions
 from lookonce.compare.contenders.registry import PLAIN_SCORE
 from lookonce.compare.crops import CropDescriber, describe_crops
 from lookonce.compare.describing import BoxReader, describe_sequence, described_file
-from lookonce.compare.detecting import detect_sequence, detections_file
+from lookonce.compare.detecting import detect_sequence, detections_file, fingerprint_of
 from lookonce.compare.detection_files import find_detection_file, given_file, read_detection_file
 from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
 from lookonce.compare.detections import DetectedSequence
@@ -24,7 +24,7 @@ from lookonce.pipeline import CAMERA_SIZE
 from lookonce.video import open_video
 from lookonce.video.opening import one_line
 
-__all__ = ["DetectionSource", "Scene", "gather", "labels_of", "picture_size_of"]
+__all__ = ["DetectionSource", "Scene", "gather", "labels_of", "look_at_pictures"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +115,9 @@ def _follow_camera(scene: Scene, source: DetectionSource, screen: StageScreen) -
     """The scene with how its camera moves, of which what was not known yet is found and kept."""
     stored, sequence = scene.stored, scene.stored.sequence
     known = dict(sequence.cameras) if stored.camera_score == source.camera_score else {}
-    missing = [step for step in source.every if step not in known]
-    if not missing or sequence.size is None:
-        return scene
+    missing = [step for step in source.every if step not in known] if sequence.size is not None else []
+    if not missing:
+        return _at_rates(scene, source.every)
     pictures, fps = _pictures(scene.true, source)
     boxes = sequence.rows(sequence.scores >= source.camera_score)
     for step in missing:
@@ -128,7 +128,14 @@ def _follow_camera(scene: Scene, source: DetectionSource, screen: StageScreen) -
         known[step] = camera_motions(pictures, fps, step, boxes, source.camera_size, report)
     stored = replace(stored, sequence=replace(sequence, cameras=known), camera_score=source.camera_score)
     write_detections(scene.path, stored)
-    return replace(scene, stored=stored)
+    return _at_rates(replace(scene, stored=stored), source.every)
+
+
+def _at_rates(scene: Scene, every: Sequence[int]) -> Scene:
+    """The scene without what is known of the camera at other frame rates, so that nothing depends on what is kept."""
+    sequence = scene.stored.sequence
+    cameras = {step: maps for step, maps in sequence.cameras.items() if step in every}
+    return replace(scene, stored=replace(scene.stored, sequence=replace(sequence, cameras=cameras)))
 
 
 def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path, screen: StageScreen) -> Scene:
@@ -138,22 +145,26 @@ def _from_file(sequence: TrueSequence, source: DetectionSource, files: Path, scr
     found = read_detection_file(text, count, source.fps or sequence.fps)
     if source.describer is not None:
         return _described(sequence, source, source.describer, found, screen)
-    found = replace(found, size=picture_size_of(sequence.pictures))
-    path = given_file(source.cache, sequence.name, None if found.size is None else sequence.pictures, found)
+    size, fingerprint = look_at_pictures(sequence.pictures)
+    found = replace(found, size=size)
+    path = given_file(source.cache, sequence.name, fingerprint, found)
     if not path.exists():
         write_detections(path, StoredDetections(found))
     return Scene(sequence, path, read_detections(path))
 
 
-def picture_size_of(pictures: Path) -> tuple[int, int] | None:
-    """(height, width) of the first picture; None where there is none that can be read, for no tracker needs it."""
+def look_at_pictures(pictures: Path) -> tuple[tuple[int, int] | None, str]:
+    """(height, width) of the first picture and the fingerprint of all; None and "" where they cannot be read.
+
+    With detections of a file nothing needs them.
+    """
     if not os.path.exists(pictures):
-        return None
+        return None, ""
     try:
         with open_video(pictures) as video:
-            return video.size
+            return video.size, fingerprint_of(pictures)
     except VideoError:
-        return None
+        return None, ""
 
 
 def _described(

@@ -11,22 +11,31 @@ from pathlib import Path
 
 from lookonce.compare.detection_store import StoredDetections, read_detections, write_detections
 from lookonce.compare.detections import DetectedFrame, DetectedSequence
+from lookonce.errors import VideoError
 from lookonce.letterbox import Letterboxer
 from lookonce.model import Model
 from lookonce.video import open_video
 from lookonce.video.images import pictures_in
+from lookonce.video.opening import one_line
 
 __all__ = ["detect_sequence", "detections_file", "fingerprint_of"]
 
-_FORMAT = 2  # raised where other detections come of the same settings
+_FORMAT = 2  # raised where other detections, or other motion of the camera, come of the same settings
 
 
 def fingerprint_of(pictures: Path) -> str:
-    """Names, sizes and times of the picture files, or of the video, as one number: another one, other pictures."""
+    """Names, sizes and times of the picture files, or of the video, as one number: another one, other pictures.
+
+    Raises:
+        VideoError: one of them is not there.
+    """
     files = pictures_in(pictures) if pictures.is_dir() else [pictures]
     total = hashlib.sha256()
     for file in files:
-        status = os.stat(file)
+        try:
+            status = os.stat(file)
+        except OSError as exc:
+            raise VideoError(f"{one_line(file)}: cannot be read ({exc.strerror}); put it there or remove it") from exc
         total.update(f"{file.name}\0{status.st_size}\0{status.st_mtime_ns}\n".encode("utf-8", "surrogateescape"))
     return total.hexdigest()
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lookonce.compare.detecting import fingerprint_of
 from lookonce.compare.detection_store import rows_digest
 from lookonce.compare.detections import DEFAULT_FPS, DetectedSequence
 from lookonce.datasets.text import fault, read_table, whole
@@ -16,7 +15,7 @@ from lookonce.video.opening import one_line
 
 __all__ = ["find_detection_file", "given_file", "read_detection_file"]
 
-_FORMAT = 1  # raised where other detections come of the same file
+_FORMAT = 1  # raised where other detections, or other motion of the camera, come of the same file
 
 _COLUMNS = "frame, number, left, top, width, height, score"
 _SCORE = 6
@@ -45,12 +44,12 @@ def _escaped(name: str) -> str:
     return "".join(f"[{c}]" if c in "*?[" else c for c in name)
 
 
-def given_file(folder: Path, name: str, pictures: Path | None, sequence: DetectedSequence) -> Path:
+def given_file(folder: Path, name: str, pictures: str, sequence: DetectedSequence) -> Path:
     """Where detections of a text file are kept in the form that trackers' processes read.
 
-    The name changes with them and with the pictures (None: there are none).
+    The name changes with them and with ``pictures``, their ``fingerprint_of``.
     """
-    key = rows_digest(sequence, [_FORMAT, "" if pictures is None else fingerprint_of(pictures)])
+    key = rows_digest(sequence, [_FORMAT, pictures])
     return folder / f"{name}-given-{key}.npz"
 
 

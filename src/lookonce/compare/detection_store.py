@@ -39,6 +39,7 @@ _DTYPES: dict[str, type] = {
 }
 _REMEDY = "remove the file, and it is made again"
 _NO_SIZE = (0, 0)  # pictures of unknown size
+_MOST_STEPS = 1000  # frame rates at which it is kept how the camera moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,7 @@ def read_detections(path: Path) -> StoredDetections:
             None if (height, width) == _NO_SIZE else (height, width),
             _cameras(arrays),
         )
-    except (ValueError, IndexError) as exc:
+    except (ValueError, IndexError, TypeError) as exc:
         raise FormatError(one_line(path), 0, f"holds what cannot be detections ({exc}); {_REMEDY}") from exc
     return StoredDetections(sequence, float(seconds[0]), float(seconds[1]), float(arrays["camera_score"]))
 
@@ -140,9 +141,15 @@ def _cameras(arrays: dict[str, NDArray[Any]]) -> dict[int, dict[int, NDArray[np.
     steps, rows, maps = arrays["camera_steps"], arrays["camera_rows"], arrays["camera_maps"]
     if steps.ndim != 1 or rows.shape != (len(maps), 2) or maps.shape[1:] != (2, 3):
         raise ValueError("camera_steps, camera_rows or camera_maps: another shape")
+    if len(steps) > _MOST_STEPS or len(rows) > len(steps) * len(arrays["frames"]):
+        raise ValueError("camera_steps or camera_rows: more than there can be")
+    if (
+        steps.min(initial=1) < 1
+        or not np.isin(rows[:, 0], steps).all()
+        or not np.isin(rows[:, 1], arrays["frames"]).all()
+    ):
+        raise ValueError("camera_steps or camera_rows: of frames that there are not")
     cameras: dict[int, dict[int, NDArray[np.float64]]] = {step: {} for step in steps.tolist()}
     for (step, frame), one in zip(rows.tolist(), maps, strict=True):
-        if step not in cameras:
-            raise ValueError(f"camera_rows: step {step} is not among those looked at")
         cameras[step][frame] = one
     return cameras

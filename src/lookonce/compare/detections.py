@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.structures import Detections, check_array, check_boxes, check_finite
+from lookonce.structures import Detections, check_array, check_boxes, check_cameras, check_finite
 
 __all__ = ["DEFAULT_FPS", "DetectedFrame", "DetectedSequence"]
 
@@ -79,11 +79,8 @@ class DetectedSequence:
         if self.size is not None and min(self.size) < 1:
             raise ValueError(f"size: expected (height, width) in px, got {self.size}")
         for maps in self.cameras.values():
-            for one in maps.values():
-                check_array("cameras", one, (2, 3), np.float64)
-                check_finite("cameras", one)
-                if one[0, 0] * one[1, 1] == one[0, 1] * one[1, 0]:
-                    raise ValueError("cameras: expected maps that can be undone")
+            if maps:
+                check_cameras("cameras", np.array(list(maps.values())))
 
     def __len__(self) -> int:
         return len(self.xyxy)

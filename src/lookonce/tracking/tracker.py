@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lookonce.errors import ConfigError
-from lookonce.structures import Detections, Filled, GivenBack, Tracks, check_array, check_finite
+from lookonce.structures import Detections, Filled, GivenBack, Tracks, check_array, check_cameras
 from lookonce.tracking.default import DefaultRule
 from lookonce.tracking.default_config import DefaultConfig, iou_config
 from lookonce.tracking.paper import PaperConfig, PaperRule
@@ -30,8 +30,6 @@ __all__ = ["PRESETS", "Tracker", "TrackerConfig"]
 TrackerConfig = DefaultConfig | PaperConfig
 PRESETS: dict[str, Callable[[], TrackerConfig]] = {"default": DefaultConfig, "iou": iou_config, "paper": PaperConfig}
 """What makes the settings of each preset."""
-
-_LEAST_GROWTH = 1e-4  # of areas from one frame to the next; also what it may be at most, the other way round
 
 
 class Tracker:
@@ -149,7 +147,8 @@ class Tracker:
             if not math.isfinite(time_s):
                 raise ValueError(f"time_s: expected finite seconds, got {time_s}")
         if camera is not None:
-            _check_camera(camera)
+            check_array("camera", camera, (2, 3), np.float64)
+            check_cameras("camera", camera[np.newaxis])
         if size is not None and not (len(size) == 2 and min(size) > 0):
             raise ValueError(f"size: expected (height, width) in px, got {size}")
         if isinstance(detections, Detections):
@@ -214,14 +213,3 @@ class Tracker:
         tracks = self._rule.update(detections, time_s, camera, size, numbers, frame)
         self.given_back, self.filled = tracks.given_back, tracks.filled
         return tracks
-
-
-def _check_camera(affine: NDArray[np.float64]) -> None:
-    check_array("camera", affine, (2, 3), np.float64)
-    check_finite("camera", affine)
-    (a, b, _), (c, d, _) = affine.tolist()
-    growth = abs(a * d - b * c)
-    if not _LEAST_GROWTH <= growth <= 1 / _LEAST_GROWTH:
-        raise ValueError(
-            f"camera: expected an affine map that can be undone, got one that makes areas {growth:g} times"
-        )
