@@ -27,7 +27,7 @@ def camera_motions(
     size: tuple[int, int],
     report: Callable[[int, int | None], None],
 ) -> dict[int, NDArray[np.float64]]:
-    """Where pixels of the frame before are now, of frames in which the camera moved.
+    """Where pixels of the frame before are now, of the detections' frames in which the camera moved.
 
     Args:
         pictures: a folder or a video.
@@ -51,7 +51,7 @@ def camera_motions(
             canvas, placed = letterbox(frame.picture, frame.rotation)
             luma = luma_of_canvas(canvas, placed)
             motion = camera.update(luma, boxes.get(frame.index, _NO_BOXES), frame.size, frame.time_s)
-            if not np.array_equal(motion, _AT_REST):
+            if frame.index in boxes and not np.array_equal(motion, _AT_REST):
                 found[frame.index] = motion
             report(done, video.frame_count)
     return found

@@ -143,11 +143,8 @@ def _cameras(arrays: dict[str, NDArray[Any]]) -> dict[int, dict[int, NDArray[np.
         raise ValueError("camera_steps, camera_rows or camera_maps: another shape")
     if len(steps) > _MOST_STEPS or len(rows) > len(steps) * len(arrays["frames"]):
         raise ValueError("camera_steps or camera_rows: more than there can be")
-    if (
-        steps.min(initial=1) < 1
-        or not np.isin(rows[:, 0], steps).all()
-        or not np.isin(rows[:, 1], arrays["frames"]).all()
-    ):
+    is_there = np.isin(rows[:, 0], steps) & np.isin(rows[:, 1], arrays["frames"])
+    if steps.min(initial=1) < 1 or not is_there.all():
         raise ValueError("camera_steps or camera_rows: of frames that there are not")
     cameras: dict[int, dict[int, NDArray[np.float64]]] = {step: {} for step in steps.tolist()}
     for (step, frame), one in zip(rows.tolist(), maps, strict=True):
