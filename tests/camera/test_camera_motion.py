@@ -11,20 +11,26 @@ import numpy as np
 import pytest
 
 from lookonce.camera import CameraMotion, luma_of_canvas
+from lookonce.camera.blocks import coarse_shift
+from lookonce.camera.pictures import make_pyramid
 from lookonce.camera.similarity import compose, fit_similarity, identity, invert
 from lookonce.letterbox import Letterboxer
 
 SIZE = (270, 480)
 NO_BOXES = np.zeros((0, 4), np.float32)
 MARGIN = 120
+USUAL = ((6, 50.0), (15, 50.0), (40, 50.0))
+FINE = ((4, 60.0), (40, 30.0))  # as a lawn or gravel
 
 
-def textured(seed: int = 0, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """A smooth random picture with room for motion around it, float64."""
+def textured(
+    seed: int = 0, size: tuple[int, int] = SIZE, contrasts: tuple[tuple[int, float], ...] = USUAL
+) -> np.ndarray:
+    """A smooth random picture with room for motion around it, float64; of cells of so many px with such contrast."""
     height, width = size[0] + 2 * MARGIN, size[1] + 2 * MARGIN
     rng, total = np.random.default_rng(seed), np.zeros((height, width))
-    for cell in (6, 15, 40):
-        grid = rng.uniform(-50, 50, (height // cell + 2, width // cell + 2))
+    for cell, contrast in contrasts:
+        grid = rng.uniform(-contrast, contrast, (height // cell + 2, width // cell + 2))
         rows, columns = np.arange(height) / cell, np.arange(width) / cell
         total += bilinear(grid, *np.meshgrid(columns, rows))
     return np.clip(128 + total, 0, 255)
@@ -94,6 +100,27 @@ def test_motion_adds_up_along_a_path() -> None:
     for step in follow(CameraMotion(), [view(world, one, seed=t) for t, one in enumerate(poses)]):
         total = compose(step, total)
     assert apart(total, poses[-1]) < 1.0
+
+
+@pytest.mark.parametrize("step_px", [25, 50])
+def test_a_camera_that_stood_still_and_pans_far_from_frame_to_frame_is_followed(step_px: int) -> None:
+    """Two frames a second: nothing is where it was, and fine texture looks as if it had hardly moved."""
+    world, poses = textured(contrasts=FINE), [pose(step_px * t - 75, 6 * t - 20) for t in (0, 1, 2, 3, 2, 1)]
+    found = follow(CameraMotion(), [view(world, one, seed=t) for t, one in enumerate(poses)], fps=2)
+    for before, now, step in zip(poses, poses[1:], found[1:], strict=False):
+        assert apart(step, compose(now, invert(before))) < 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_objects_in_the_foreground_do_not_decide_how_far_the_picture_went(seed: int) -> None:
+    """Three dark pillars go to the left, and all else to the right."""
+    world = textured(seed)
+    before, now = view(world, pose(), seed=1), view(world, pose(48, 16), seed=2)
+    for left in (60, 220, 380):
+        before[70:200, left : left + 50] = 20
+        now[70:200, left - 20 : left + 30] = 20
+    pictures = make_pyramid(before), make_pyramid(now)
+    np.testing.assert_allclose(pictures[0].factor * coarse_shift(*pictures), [48, 16], atol=8)
 
 
 def test_a_camera_that_stands_still_gives_exactly_the_identity() -> None:

@@ -37,6 +37,7 @@ _BOX_MARGIN = 2.0  # working px around an object's box that belong to it
 _FRACTIONS = 16  # of a px, in which patches are read between pixels
 _STEP_PX = 1.5  # the gradient method is blind farther than this
 _NEAR_PX, _FEW_SHARE = 0.75, 0.1  # where no more than a few blocks went farther in one step, one is enough
+_LARGEST_APART = 40  # quarters of a grey level by which two pixels count: objects that move on their own differ by more
 _LARGEST_ERROR = 0.35  # of the block's own variance: a worse match is none
 _COARSE_PX = (3, 5)  # of the smallest level, down and across
 _FINE_PX = 1
@@ -207,9 +208,15 @@ def _differences(picture: NDArray[np.int16], patches: _Patches, shifts: Ints) ->
 
 
 def shifts_from_rest(blocks: Blocks, now: Pyramid, boxes: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """First guesses (N, 2) for blocks that have hardly moved, working px, and which blocks (N,) can be seen."""
+    """First guesses (N, 2) for blocks that have hardly moved, working px, and which blocks (N,) can be seen.
+
+    A guess is infinite where there is something else now: pixels that have nothing to do with each other often seem to
+    have hardly moved.
+    """
     differences = _differences(now.level(0), blocks.low, np.zeros((len(blocks), 2), np.int64))
-    return _steps(blocks.low, differences), ~_is_covered(blocks.centres - _CELL, boxes)
+    shifts = _steps(blocks.low, differences)
+    shifts[_errors(differences) > _LARGEST_ERROR * blocks.variances] = np.inf
+    return shifts, ~_is_covered(blocks.centres - _CELL, boxes)
 
 
 def follow(blocks: Blocks, now: Pyramid, boxes: Floats, guesses: Floats) -> Matches:
@@ -287,7 +294,10 @@ def coarse_shift(before: Pyramid, now: Pyramid) -> Floats:
 def _search(
     before: NDArray[np.int16], now: NDArray[np.int16], start: tuple[int, int], reach: tuple[int, int]
 ) -> tuple[int, int]:
-    """The shift (down, across) near ``start`` at which the middle of ``before`` differs least; the first of equals."""
+    """The shift (down, across) near ``start`` at which the middle of ``before`` differs least; the first of equals.
+
+    Large differences count as one bound, so that what moves on its own does not decide.
+    """
     margins = [min(abs(begin) + far, side // 3) for begin, far, side in zip(start, reach, before.shape, strict=True)]
     height, width = (side - 2 * margin for side, margin in zip(before.shape, margins, strict=True))
     template = before[margins[0] : margins[0] + height, margins[1] : margins[1] + width]
@@ -296,6 +306,6 @@ def _search(
     rows, columns = (slice(m + low, m + high) for m, low, high in zip(margins, lows, highs, strict=True))
     apart = windows(now, (height, width))[rows, columns] - template  # (down, across, height, width)
     light = np.rint(apart.sum(axis=(2, 3), dtype=np.int64) / (height * width)).astype(np.int16)
-    errors = np.abs(apart - light[:, :, None, None]).sum(axis=(2, 3), dtype=np.int64)
+    errors = np.minimum(np.abs(apart - light[:, :, None, None]), _LARGEST_APART).sum(axis=(2, 3), dtype=np.int64)
     down, across = divmod(int(errors.argmin()), errors.shape[1])
     return lows[0] + down, lows[1] + across
