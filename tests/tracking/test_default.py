@@ -529,6 +529,30 @@ def test_camera_moves_those_who_are_not_seen():
     np.testing.assert_allclose(tracks.unseen_xyxy, [[120, 60, 140, 100]], atol=1e-3)
 
 
+@pytest.mark.parametrize("pans", [True, False])
+def test_whom_the_camera_has_left_behind_is_waited_for(pans):
+    """One is out of the picture for more than a second: the camera turns away and back, or it stands and he walks."""
+    tracker, step_px, x, ids = Tracker(CONFIG), 6.0, 100.0, []
+    for number in range(70):
+        way = 0.0 if number < 5 else -step_px if number < 38 else step_px
+        x += way
+        camera = np.array([[1.0, 0, way], [0, 1, 0]]) if pans else None
+        frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen()
+        ids += tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640)).ids.tolist()
+    assert ids[-1] == (1 if pans else 2)
+
+
+def test_who_walks_out_of_a_picture_that_trembles_has_left():
+    tracker = Tracker(CONFIG)
+    for number in range(100):
+        tremble = 1.0 if number % 2 else -1.0
+        camera = np.array([[1.0, 0, tremble], [0, 1, -tremble]])
+        x = 100.0 - 4 * number
+        frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen((20, 100), looks=[ONE]) if number > 80 else seen()
+        tracks = tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640))
+    assert tracks.ids.tolist() == [2]
+
+
 def test_weak_box_that_stands_in_a_moving_picture_does_not_travel():
     """A sign at 0.5 while the camera turns: its way is that of the picture."""
     tracker, camera = Tracker(CONFIG), np.array([[1.0, 0, -8], [0, 1, 0]])

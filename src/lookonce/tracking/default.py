@@ -352,12 +352,14 @@ class DefaultRule:
         return unseen
 
     def _are_outside(self, size: tuple[int, int] | None) -> NDArray[np.bool_]:
-        """(P,) bool: objects that are believed to be beyond the border of the picture."""
+        """(P,) bool: objects that are believed to have gone beyond the picture's border, not the camera from them."""
         if size is None and self.next_id <= _BORDERS:
             return np.zeros(len(self.objects), np.bool_)
         left, top, right, bottom = self._border(size)
         x, y = self.objects.motions.values[0], self.objects.motions.values[1]
         is_outside: NDArray[np.bool_] = (x < left) | (x > right) | (y < top) | (y > bottom)
+        if np.count_nonzero(is_outside):
+            is_outside &= ~self.objects.are_carried()
         return is_outside
 
     def _border(self, size: tuple[int, int] | None) -> tuple[float, float, float, float]:

@@ -46,7 +46,7 @@ class DefaultConfig:
         class_penalty: what another class takes from the logarithm of the likelihood ratio.
         memory_s: an object is kept so long after it was last seen, s.
         tentative_s: one that is not confirmed, s; at least for one frame.
-        leave_s: one that is believed to be outside the picture, s.
+        leave_s: one that is believed to have gone out of the picture, s; not one that the camera has moved farther.
         views: how many different descriptors of an object are kept, besides the median of the last three.
         view_apart: they differ by so much, distance.
         view_interval_s: and are kept at most so often, s.

@@ -29,7 +29,7 @@ from lookonce.tracking.waiting import WaitingRow
 
 __all__ = ["load_rule", "save_rule"]
 
-_FORMAT, _VERSION = "lookonce-tracker", 4
+_FORMAT, _VERSION = "lookonce-tracker", 5
 _MOST_BYTES = 4_000_000_000  # 800,000 objects of 128 values
 _MOST_ABOUT = 100_000  # bytes
 _REMEDY = "give a file that Tracker.save wrote"
@@ -48,13 +48,15 @@ _OBJECTS: dict[str, type] = {
     "score_peak": np.float64,
     "anchor": np.float64,
     "heading": np.float64,
+    "carried": np.float64,
+    "farthest": np.float64,
     "surprise": np.float64,
     "box": np.float64,
     "travels": np.int64,
     "travel_s": np.float64,
     "is_real": np.bool_,
 }
-_WIDTHS = {"anchor": (2,), "heading": (2,), "surprise": (4,), "box": (4,)}
+_WIDTHS = {"anchor": (2,), "heading": (2,), "carried": (2,), "surprise": (4,), "box": (4,)}
 _LOOKS: dict[str, type] = {
     "latest": np.float32,
     "kept": np.float32,
