@@ -5,7 +5,8 @@
 
 Real pictures with identity truth and a moving camera of known path are rare. The window is two thirds as wide and as
 high as the picture and wanders by sines of two periods, from border to border. Truth is cut at its border; a box of
-which less than 40 % of the width or of the height is left is not truth. Writes a MOTChallenge sequence.
+which less than 40 % of the width or of the height is left is not truth. Reads and writes MOTChallenge sequences; every
+row of the truth counts.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from PIL import Image
 
 PERIODS_S = (8.0, 11.0)
 LEAST_LEFT = 0.4
+TRUTH = "gt/gt.txt"
 QUALITY = 92
 
 
@@ -38,8 +40,12 @@ def main() -> None:
     parser.add_argument("--fps", type=float, default=7.0)
     parser.add_argument("--frames", type=int, default=400)
     arguments = parser.parse_args()
-    pictures = sorted((arguments.sequence / "img1").iterdir())[: arguments.frames]
-    table = np.loadtxt(arguments.sequence / "gt" / "gt.txt", delimiter=",")
+    pictures, truth = sorted((arguments.sequence / "img1").glob("*.*"))[: arguments.frames], arguments.sequence / TRUTH
+    if not pictures or not truth.is_file():
+        parser.error(f"{arguments.sequence}: expected pictures in img1 and truth in {TRUTH}")
+    if arguments.output.exists():
+        parser.error(f"{arguments.output}: is there already; name another folder")
+    table = np.loadtxt(truth, delimiter=",", ndmin=2)
     for part in ("img1", "gt"):
         (arguments.output / part).mkdir(parents=True)
     lines = []
@@ -55,7 +61,7 @@ def main() -> None:
             if ((high - low) > LEAST_LEFT * np.array([w, h])).all():
                 box = ",".join(f"{value:.2f}" for value in (*low, *(high - low)))
                 lines.append(f"{number},{identity:.0f},{box},1,1,1\n")
-    (arguments.output / "gt" / "gt.txt").write_text("".join(lines))
+    (arguments.output / TRUTH).write_text("".join(lines))
     (arguments.output / "seqinfo.ini").write_text(
         f"[Sequence]\nname={arguments.output.name}\nimDir=img1\nframeRate={arguments.fps:g}\nseqLength={len(pictures)}\n"
         f"imWidth={width}\nimHeight={height}\nimExt=.jpg\n"

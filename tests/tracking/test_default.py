@@ -529,28 +529,78 @@ def test_camera_moves_those_who_are_not_seen():
     np.testing.assert_allclose(tracks.unseen_xyxy, [[120, 60, 140, 100]], atol=1e-3)
 
 
-@pytest.mark.parametrize("pans", [True, False])
-def test_whom_the_camera_has_left_behind_is_waited_for(pans):
-    """One is out of the picture for more than a second: the camera turns away and back, or it stands and he walks."""
-    tracker, step_px, x, ids = Tracker(CONFIG), 6.0, 100.0, []
+def _out_and_back(pans, walks_px=0.0):
+    """Ids seen at the end, and what was filled, of one who is out of the picture for 0.6 s.
+
+    The camera turns away and back, and he stands or walks slowly; or the camera stands, and he walks out and back.
+    """
+    tracker, x, filled = Tracker(CONFIG), 100.0, 0
     for number in range(70):
-        way = 0.0 if number < 5 else -step_px if number < 38 else step_px
-        x += way
-        camera = np.array([[1.0, 0, way], [0, 1, 0]]) if pans else None
+        turn = 0.0 if number < 20 else -12.0 if number < 36 else 12.0 if number < 52 else 0.0
+        x += turn + walks_px * (20 <= number < 36)
+        camera = np.array([[1.0, 0, turn], [0, 1, 0]]) if pans else None
         frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen()
-        ids += tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640)).ids.tolist()
-    assert ids[-1] == (1 if pans else 2)
-
-
-def test_who_walks_out_of_a_picture_that_trembles_has_left():
-    tracker = Tracker(CONFIG)
-    for number in range(100):
-        tremble = 1.0 if number % 2 else -1.0
-        camera = np.array([[1.0, 0, tremble], [0, 1, -tremble]])
-        x = 100.0 - 4 * number
-        frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen((20, 100), looks=[ONE]) if number > 80 else seen()
         tracks = tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640))
-    assert tracks.ids.tolist() == [2]
+        filled += len(tracks.filled.ids)
+    return tracks.ids.tolist(), filled
+
+
+@pytest.mark.parametrize("walks_px", [0.0, -2.0])
+def test_whom_the_camera_has_left_behind_is_waited_for(walks_px):
+    """Also while it comes back and has moved him less in all than he has gone; while he was out he gets no boxes."""
+    assert _out_and_back(True, walks_px) == ([1], 0)
+
+
+def test_who_has_walked_out_himself_is_another_when_he_comes_back():
+    assert _out_and_back(False) == ([2], 0)
+
+
+@pytest.mark.parametrize("trembles_px", [0.0, 2.0])
+def test_who_walks_out_of_a_picture_that_trembles_has_left(trembles_px):
+    tracker, unseen = Tracker(CONFIG), []
+    for number in range(70):
+        way = trembles_px if number % 2 else -trembles_px
+        x = 100.0 - 4 * number
+        frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen()
+        camera = np.array([[1.0, 0, way], [0, 1, -way]])
+        unseen.append(tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640)).unseen_ids.tolist())
+    assert [1] in unseen  # for half a second
+    assert unseen[45:] == [[]] * 25
+
+
+def test_what_the_camera_has_once_moved_does_not_count_when_it_was_seen_since():
+    """A pan of 200 px, then it stands; he walks out himself."""
+    tracker, unseen, x = Tracker(CONFIG), [], 400.0
+    for number in range(110):
+        turn = -10.0 if 5 <= number < 25 else 0.0
+        x += turn - 4.0 * (number >= 30)
+        camera = np.array([[1.0, 0, turn], [0, 1, 0]])
+        frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen()
+        unseen.append(tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640)).unseen_ids.tolist())
+    assert [1] in unseen
+    assert unseen[-1] == []
+
+
+def test_whom_the_camera_has_left_and_found_again_may_leave_himself():
+    tracker, unseen, x = Tracker(CONFIG), [], 100.0
+    for number in range(130):
+        turn = 0.0 if number < 20 else -12.0 if number < 36 else 12.0 if number < 52 else 0.0
+        x += turn - 4.0 * (number >= 60)
+        camera = np.array([[1.0, 0, turn], [0, 1, 0]])
+        frame = seen((x - 10, 100), looks=[ONE]) if x > 0 else seen()
+        unseen.append(tracker.update(frame, number * STEP_S, camera=camera, size=(480, 640)).unseen_ids.tolist())
+    assert unseen[40] == [1]
+    assert unseen[-1] == []
+
+
+def test_a_camera_that_never_comes_back_is_not_followed_without_end():
+    tracker = Tracker(CONFIG)
+    for number in range(150):
+        zoom = np.array([[100.0, 0, 0], [0, 100.0, 0]]) if number >= 5 else None
+        tracks = tracker.update(
+            seen((400, 100)) if number < 5 else seen(), number * STEP_S, camera=zoom, size=(480, 640)
+        )
+    assert tracks.unseen_ids.tolist() == []
 
 
 def test_weak_box_that_stands_in_a_moving_picture_does_not_travel():

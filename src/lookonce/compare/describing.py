@@ -20,7 +20,7 @@ from lookonce.video import open_video
 
 __all__ = ["BoxReader", "describe_sequence", "described_file"]
 
-_FORMAT = 2  # raised where other descriptors, or other motion of the camera, come of the same settings
+_FORMAT = 3  # raised where other descriptors, or other motion of the camera, come of the same settings
 
 
 class BoxReader(Protocol):

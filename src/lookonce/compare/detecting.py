@@ -20,7 +20,7 @@ from lookonce.video.opening import one_line
 
 __all__ = ["detect_sequence", "detections_file", "fingerprint_of"]
 
-_FORMAT = 2  # raised where other detections, or other motion of the camera, come of the same settings
+_FORMAT = 3  # raised where other detections, or other motion of the camera, come of the same settings
 
 
 def fingerprint_of(pictures: Path) -> str:

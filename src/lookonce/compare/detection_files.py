@@ -15,7 +15,7 @@ from lookonce.video.opening import one_line
 
 __all__ = ["find_detection_file", "given_file", "read_detection_file"]
 
-_FORMAT = 1  # raised where other detections, or other motion of the camera, come of the same file
+_FORMAT = 2  # raised where other detections, or other motion of the camera, come of the same file
 
 _COLUMNS = "frame, number, left, top, width, height, score"
 _SCORE = 6

@@ -34,6 +34,7 @@ from lookonce.tracking.waiting import Waiting, WaitingRow
 __all__ = ["DefaultRule"]
 
 _BORDERS = 10  # objects: where so many have been says where the picture ends
+_FAR_OUT = 5.0  # pictures beyond the border: so far no camera turns and comes back
 _FAR = 4.0  # distance, more than two descriptors can have
 
 
@@ -359,7 +360,11 @@ class DefaultRule:
         x, y = self.objects.motions.values[0], self.objects.motions.values[1]
         is_outside: NDArray[np.bool_] = (x < left) | (x > right) | (y < top) | (y > bottom)
         if np.count_nonzero(is_outside):
-            is_outside &= ~self.objects.are_carried()
+            left_behind = self.objects.left_behind
+            left_behind[is_outside & self.objects.are_carried()] = 1.0
+            far = _FAR_OUT * max(right - left, bottom - top)
+            is_far = (x < left - far) | (x > right + far) | (y < top - far) | (y > bottom + far)
+            is_outside &= (left_behind == 0) | is_far
         return is_outside
 
     def _border(self, size: tuple[int, int] | None) -> tuple[float, float, float, float]:

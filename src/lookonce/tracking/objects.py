@@ -17,7 +17,7 @@ __all__ = ["EvidenceConfig", "MovingScores", "Objects"]
 
 _REMEMBERED = 5000  # scores
 _CONVINCING = 200  # so many scores of moving objects say what is usual
-_LABELS, _SURPRISE = 3, 12  # where these rows begin
+_LABELS, _SURPRISE = 3, 11  # where these rows begin
 _SAME_WAY = 0.5  # cosine of the angle between two travels
 _FEWEST_SCORES = 3.0  # in a mean
 _LEAST_S = 1e-3
@@ -89,7 +89,7 @@ class Objects:
 
     Args:
         whole: (6, P) int64, ``serials`` to ``travels``.
-        values: (20, P) float64, ``votes`` to ``box``.
+        values: (20, P) float64, ``votes`` to ``left_behind``.
         is_real: (P,) bool.
         motions: their filters.
 
@@ -108,11 +108,11 @@ class Objects:
         anchor: (P, 2) float64, px, where it ended.
         heading: (P, 2) float64, px, where it went.
         carried: (P, 2) float64, px, how far the camera's motion has moved each since it was last seen.
-        farthest: (P,) float64, px², the square of the farthest that this was.
         surprise: (P, 4) float64, how far off the last detection was, as ``Steadying`` has it; infinite where that says
             nothing.
         box: (P, 4) float64, xyxy as given out when last seen, px.
-        last: (8, P) float64, these two as rows.
+        left_behind: (P,) float64, 1 where the camera has taken it out of the picture since then, else 0.
+        last: (9, P) float64, these three as rows.
         is_real: (P,) bool, whether rows are given the id now.
     """
 
@@ -131,10 +131,10 @@ class Objects:
         self.anchor: NDArray[np.float64] = values[5:7].T
         self.heading: NDArray[np.float64] = values[7:9].T
         self.carried: NDArray[np.float64] = values[9:11].T
-        self.farthest = values[11]
         self.last: NDArray[np.float64] = values[_SURPRISE:]
-        self.surprise: NDArray[np.float64] = values[12:16].T
-        self.box: NDArray[np.float64] = values[16:].T
+        self.surprise: NDArray[np.float64] = values[11:15].T
+        self.box: NDArray[np.float64] = values[15:19].T
+        self.left_behind = values[19]
 
     def __len__(self) -> int:
         return len(self.is_real)
@@ -191,17 +191,13 @@ class Objects:
         before = self.motions.place.copy()
         self.motions.move_camera_(affine)
         self.carried[:] += self.motions.place - before
-        np.maximum(self.farthest, squared_lengths(self.carried), out=self.farthest)
         self.anchor[:] = moved(self.anchor, affine)
         self.heading[:] = np.ascontiguousarray(self.heading) @ affine[:, :2].T
 
     def are_carried(self) -> NDArray[np.bool_]:
-        """(P,) bool: whom the camera has moved farther since they were last seen than they have gone themselves.
-
-        One that comes back may have taken them out of the picture before.
-        """
+        """(P,) bool: whom the camera has moved farther since they were last seen than they have gone themselves."""
         own = self.motions.place - 0.5 * (self.box[:, :2] + self.box[:, 2:]) - self.carried
-        are_carried: NDArray[np.bool_] = self.farthest > squared_lengths(own)
+        are_carried: NDArray[np.bool_] = squared_lengths(self.carried) > squared_lengths(own)
         return are_carried
 
     def see_(
@@ -220,7 +216,7 @@ class Objects:
         unseen_s = now_s - seen_s
         faded = score_peak * np.exp(unseen_s / -config.score_memory_s)
         seen_s[:] = now_s
-        values[9:12] = 0.0
+        values[9:11] = 0.0
         hits += 1
         mean += (scores - mean) / np.minimum(
             hits, np.maximum(_FEWEST_SCORES, config.score_mean_s / np.maximum(unseen_s, _LEAST_S))

@@ -29,7 +29,8 @@ class Sightings:
         objects: (M,) int64, places among the objects.
         states: (M, 4) float64, ``box_states`` of the rows.
         seen_s: (M,) float64, when each was seen before.
-        before: (8, M) float64, the surprise then and the box that was given out.
+        before: (9, M) float64, the surprise then, the box that was given out, and 1 where the camera has taken it out
+            of the picture since.
     """
 
     rows: NDArray[np.intp]
@@ -65,7 +66,7 @@ class OwnBoxes:
             again = (is_early & objects.is_real[seen.objects] & (seen.before[0] < np.inf)).nonzero()[0]
             self.steadying.learn(seen.before[:4].take(again, axis=1), surprise.take(again, axis=1))
         surprise[:, ~is_early] = np.inf  # after a gap it says little of the detector
-        objects.last[:, seen.objects] = np.concatenate([surprise, boxes.T])
+        objects.last[:, seen.objects] = np.concatenate([surprise, boxes.T, np.zeros((1, len(boxes)))])
         return boxes
 
     def end_frame(self, number: int, now_s: float) -> None:
@@ -74,12 +75,12 @@ class OwnBoxes:
         self.last_s = now_s
 
     def fill(self, objects: Objects, seen: Sightings, boxes: _F, now_s: float) -> Filled:
-        """Boxes for the frames in which objects that are real were missed; ``boxes`` (M, 4) are given out now."""
+        """Boxes for the frames in which real objects were missed in the picture; ``boxes`` (M, 4) are given out now."""
         missed = self.passed.have_missed(seen.seen_s, now_s)
         if len(missed):
-            missed = missed[objects.is_real[seen.objects[missed]]]
+            missed = missed[objects.is_real[seen.objects[missed]] & (seen.before[8][missed] == 0)]
         if not len(missed):
             return Filled.nothing()
-        whose, before = seen.objects[missed], seen.before[4:].T[missed]
+        whose, before = seen.objects[missed], seen.before[4:8].T[missed]
         ids, labels = objects.ids[whose], objects.labels[whose]
         return self.passed.fill(ids, labels, seen.seen_s[missed], before, now_s, boxes[missed])

@@ -49,7 +49,7 @@ _OBJECTS: dict[str, type] = {
     "anchor": np.float64,
     "heading": np.float64,
     "carried": np.float64,
-    "farthest": np.float64,
+    "left_behind": np.float64,
     "surprise": np.float64,
     "box": np.float64,
     "travels": np.int64,
