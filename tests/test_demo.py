@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
 from PIL import Image
 
 import lookonce.demo as demo
+from cli.processes import lookonce
 from lookonce import Model, open_video
 from lookonce.demo import run_demo
 from lookonce.errors import OutputError
 from lookonce.synthetic import SceneConfig, SyntheticScene
 
-COMMAND = "from lookonce.cli.app import main; main()"
 FILES = ["annotated.mp4", "scene.mp4", "tracks.jsonl", "tracks.txt", "trails.png"]
 SMALL = SceneConfig(seconds=1, fps=5, height=180, width=320, seed=1, place="highway", ignored_regions=False)
 
@@ -76,15 +74,13 @@ def test_a_folder_that_is_not_there_is_one_line(model, tmp_path):
 def test_the_command_needs_no_arguments_but_takes_some(tmp_path):
     arguments = ["demo", "-o", "out", "--seconds", "1", "--place", "highway"]
     for _ in range(2):  # a second run replaces the first
-        done = subprocess.run([sys.executable, "-c", COMMAND, *arguments], capture_output=True, text=True, cwd=tmp_path)
+        done = lookonce(*arguments, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == FILES
     assert "IDF1" in done.stdout
     assert "annotated.mp4" in done.stdout
     assert "lookonce track" in done.stdout
-    wrong = subprocess.run(
-        [sys.executable, "-c", COMMAND, "demo", "--place", "moon"], capture_output=True, text=True, cwd=tmp_path
-    )
+    wrong = lookonce("demo", "--place", "moon", cwd=tmp_path)
     assert wrong.returncode == 1
     assert wrong.stderr.startswith("lookonce: place 'moon'") or "moon" in wrong.stderr
     assert len(wrong.stderr.strip().splitlines()) == 1

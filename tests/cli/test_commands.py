@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -12,31 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from cli.processes import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
 from squares import write_clip, write_darknet
-
-COMMAND = [sys.executable, "-m", "lookonce"]
-# Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
-INTERRUPTIBLE = [
-    sys.executable,
-    "-c",
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    "from lookonce.cli.app import main; main()",
-]
-PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
-
-
-def lookonce(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = COMMAND + [str(argument) for argument in arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=PLAIN, timeout=120)
-
-
-def assert_one_line(result: subprocess.CompletedProcess[str], code: int, *parts: str) -> None:
-    lines = result.stderr.strip().splitlines()
-    assert result.returncode == code, result.stderr
-    assert "Traceback" not in result.stderr
-    assert len(lines) == 1, result.stderr
-    for part in parts:
-        assert part in lines[0]
 
 
 def test_track_writes_results_that_agree(square_clip: Path, square_model: Path, tmp_path: Path) -> None:
@@ -290,7 +266,9 @@ def test_every_command_has_help_and_examples(command: str) -> None:
 def test_version() -> None:
     import lookonce as package
 
-    assert lookonce("--version").stdout.strip() == f"lookonce {package.__version__}"
+    for command in ([sys.executable, "-m", "lookonce"], [Path(sys.executable).with_name("lookonce")]):
+        shown = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True, timeout=60).stdout
+        assert shown == f"lookonce {package.__version__}\n"
 
 
 def test_names_that_look_like_markup_are_shown_as_they_are(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.test_commands import assert_one_line, lookonce
+from cli.processes import assert_one_line, lookonce
 from lookonce.datasets.detrac_tracks import read_detrac_results
 from lookonce.datasets.mot_tracks import read_mot_results
 

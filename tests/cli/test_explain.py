@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.test_commands import assert_one_line, lookonce
+from cli.processes import assert_one_line, lookonce
 from lookonce.stories import DECISIONS
 
 

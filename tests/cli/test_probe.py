@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,19 +10,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from cli.processes import PLAIN, lookonce
 from lookonce.cli.app import app
 from lookonce.errors import LookonceError
 from make.probing.labelled_squares import truth_lines, write_squares, write_truth
 from squares import write_darknet
 
-COMMAND = [sys.executable, "-c", "from lookonce.cli.app import main; main()"]
-PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "80", "TERM": "dumb"}
 GAPS = ("--min-gap", "1f", "--max-gap", "8f", "--rank-gap", "3f")
-
-
-def lookonce(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = COMMAND + [str(argument) for argument in arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=PLAIN, timeout=120)
 
 
 def refusal(*arguments: object) -> str:
@@ -40,7 +33,7 @@ def squares(tmp_path: Path) -> Path:
 
 
 def test_probe_prints_what_it_writes(squares: Path, square_model: Path, tmp_path: Path) -> None:
-    result = lookonce("probe", square_model, squares, *GAPS, cwd=tmp_path)
+    result = lookonce("probe", square_model, squares, *GAPS, cwd=tmp_path, columns=80)
     assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines() == ["squares: 12 of 12", "squares, pictures for the sheet: 8 of 8"]
     folder = tmp_path / "runs" / "probe-squares"

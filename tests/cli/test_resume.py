@@ -13,18 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.test_commands import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
+from cli.processes import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
 from lookonce.output import CHECKPOINT_FILE, read_checkpoint
 from lookonce.video import VideoWriter
 from make.probing.labelled_squares import truth_lines
 from squares import write_clip
 
+FRAMES = 1000
+ENOUGH = 30_000  # bytes of tracks.jsonl, a fifth of the whole
 FILES = ("tracks.txt", "tracks.jsonl", "explain.jsonl")
 
 
 @pytest.fixture(scope="module")
 def long_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_clip(tmp_path_factory.mktemp("long") / "long.mp4", frames=2500)
+    return write_clip(tmp_path_factory.mktemp("long") / "long.mp4", frames=FRAMES)
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +58,10 @@ def _stop(command: list[str], out: Path, how: signal.Signals, is_ready) -> None:
 def test_after_ctrl_c_the_rest_gives_the_same_bytes(long_clip, square_model, unbroken, tmp_path) -> None:
     results = tmp_path / "tracks.jsonl"
     command = _command(long_clip, square_model, tmp_path)
-    _stop(command, tmp_path, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 60_000)
+    _stop(command, tmp_path, signal.SIGINT, lambda: results.exists() and results.stat().st_size > ENOUGH)
     kept = read_checkpoint(tmp_path)
     assert kept is not None
-    assert kept.frame == json.loads(results.read_text().splitlines()[-1])["frame"] < 2499
+    assert kept.frame == json.loads(results.read_text().splitlines()[-1])["frame"] < FRAMES - 1
     assert_one_line(lookonce(*command), 1, "exists from an earlier run")
     again = lookonce(*command, "--resume")
     assert again.returncode == 0, again.stderr
@@ -80,7 +82,7 @@ def test_after_a_kill_it_goes_on_from_the_last_checkpoint(long_clip, square_mode
     results = tmp_path / "tracks.jsonl"
     with subprocess.Popen(command, env=PLAIN, stdout=-1, stderr=-1) as process:
         deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and not (results.exists() and results.stat().st_size > 60_000):
+        while time.monotonic() < deadline and not (results.exists() and results.stat().st_size > ENOUGH):
             time.sleep(0.01)
         process.kill()
         process.communicate(timeout=60)
@@ -96,7 +98,7 @@ def test_after_a_kill_it_goes_on_from_the_last_checkpoint(long_clip, square_mode
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
 def test_boxes_of_others_with_descriptors_are_gone_on_with_to_the_same_bytes(long_clip, square_model, tmp_path) -> None:
     detections = tmp_path / "det.txt"
-    detections.write_text("".join(f"{line}\n" for line in truth_lines(2500)))
+    detections.write_text("".join(f"{line}\n" for line in truth_lines(FRAMES)))
 
     def command(out: Path) -> list[str]:
         return [*_command(long_clip, square_model, out), "--detections", str(detections)]
@@ -104,10 +106,10 @@ def test_boxes_of_others_with_descriptors_are_gone_on_with_to_the_same_bytes(lon
     unbroken, stopped = tmp_path / "unbroken", tmp_path / "stopped"
     assert lookonce(*command(unbroken)).returncode == 0
     results = stopped / "tracks.jsonl"
-    _stop(command(stopped), stopped, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 60_000)
+    _stop(command(stopped), stopped, signal.SIGINT, lambda: results.exists() and results.stat().st_size > ENOUGH)
     kept = read_checkpoint(stopped)
     assert kept is not None
-    assert 0 < kept.frame < 2499
+    assert 0 < kept.frame < FRAMES - 1
     without = [one for one in command(stopped) if one not in ("-m", str(square_model))]
     assert_one_line(lookonce(*without, "--resume"), 1, "begun with other")
     again = lookonce(*command(stopped), "--resume")
@@ -169,7 +171,7 @@ def test_a_moving_camera_is_gone_on_with_to_the_same_bytes(pan, tmp_path, share:
 def _stopped(long_clip: Path, square_model: Path, out: Path) -> list[str]:
     command = _command(long_clip, square_model, out)
     results = out / "tracks.jsonl"
-    _stop(command, out, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 30_000)
+    _stop(command, out, signal.SIGINT, lambda: results.exists() and results.stat().st_size > ENOUGH)
     return command
 
 
@@ -210,7 +212,7 @@ def test_the_rest_of_the_video_goes_to_a_second_file(long_clip, square_model, tm
 
     command = [one for one in _command(long_clip, square_model, tmp_path) if one not in ("--no-video", "--explain")]
     results = tmp_path / "tracks.jsonl"
-    _stop(command, tmp_path, signal.SIGINT, lambda: results.exists() and results.stat().st_size > 30_000)
+    _stop(command, tmp_path, signal.SIGINT, lambda: results.exists() and results.stat().st_size > ENOUGH)
     kept = read_checkpoint(tmp_path)
     assert kept is not None
     assert lookonce(*command, "--resume").returncode == 0
@@ -218,4 +220,4 @@ def test_the_rest_of_the_video_goes_to_a_second_file(long_clip, square_model, tm
     for name in ("annotated.mp4", f"annotated-from-{kept.frame + 1}.mp4"):
         with av.open(str(tmp_path / name)) as container:
             frames.append(sum(1 for _ in container.decode(video=0)))
-    assert frames == [kept.frame + 1, 2499 - kept.frame]
+    assert frames == [kept.frame + 1, FRAMES - 1 - kept.frame]

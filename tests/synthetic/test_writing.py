@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from cli.processes import lookonce
 from lookonce.datasets import open_sequences, open_stills
 from lookonce.errors import ConfigError, OutputError
 from lookonce.synthetic import SyntheticFrame, SyntheticScene, WriteOptions, write_scene
@@ -148,14 +147,9 @@ def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
         write_scene(SyntheticScene(small_config()), tmp_path / "file" / "out", "mot")
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from lookonce.cli.app import main; main()", "synth"]
-    return subprocess.run([*command, *map(str, arguments)], capture_output=True, text=True, timeout=120)
-
-
 def test_the_command_divides_sequences_and_says_what_it_left_out(tmp_path: Path):
     size = ("--size", "160x90", "--minutes", 0.0014)
-    result = run(tmp_path, "--layout", "ua-detrac", "--sequences", 2, "--light", "any", *size)
+    result = lookonce("synth", tmp_path, "--layout", "ua-detrac", "--sequences", 2, "--light", "any", *size)
     assert result.returncode == 0, result.stderr
     assert "2 sequences, 4 pictures" in result.stdout
     assert "left out" in result.stdout
@@ -165,7 +159,7 @@ def test_the_command_divides_sequences_and_says_what_it_left_out(tmp_path: Path)
     ]
     with Image.open(tmp_path / "Insight-MVT_Annotation_Train" / "MVI_90000" / "img00002.jpg") as image:
         assert image.size == (160, 90)
-    again = run(tmp_path, "--layout", "ua-detrac", *size)
+    again = lookonce("synth", tmp_path, "--layout", "ua-detrac", *size)
     assert again.returncode == 1
     assert len(again.stderr.strip().splitlines()) == 1
     assert "--overwrite" in again.stderr
@@ -173,7 +167,7 @@ def test_the_command_divides_sequences_and_says_what_it_left_out(tmp_path: Path)
 
 @pytest.mark.parametrize("arguments", [("--size", "big"), ("--light", "noon"), ("--layout", "coco"), ("--size", "9x9")])
 def test_the_command_answers_bad_settings_with_one_line(tmp_path, arguments):
-    result = run(tmp_path / "out", *arguments)
+    result = lookonce("synth", tmp_path / "out", *arguments)
     assert result.returncode == 1
     assert len(result.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
