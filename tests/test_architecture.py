@@ -94,6 +94,7 @@ ROOMS["cli"][0].update({"compare", "make.crops"})
 # descriptors at the boxes of others, for people without PyTorch
 ROOMS["make.given_boxes"] = ({*LEAVES, "model", "models", "make.export", "make.descriptors"}, {"numpy"})
 ROOMS["cli"][0].add("make.given_boxes")
+ROOMS[""][0].update({"camera", "make.given_boxes"})
 # a tracker's settings searched on detections at hand
 ROOMS["tuning"] = (
     {*LEAVES, "compare", "evaluation", "tracking"},

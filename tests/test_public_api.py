@@ -12,6 +12,8 @@ import pytest
 import lookonce
 
 PUBLIC = {
+    "BoxDescriber",
+    "CameraMotion",
     "ConfigError",
     "DefaultConfig",
     "Detections",
@@ -31,6 +33,7 @@ PUBLIC = {
     "__version__",
     "open_video",
     "track",
+    "tracker_for",
 }
 HEAVY = ("numpy", "av", "onnxruntime", "PIL", "scipy", "torch", "onnx", "onnx_ir", "rich", "typer")
 

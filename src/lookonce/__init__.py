@@ -6,8 +6,10 @@
         for t in frame.tracks:
             print(frame.time_s, t.id, t.name, t.xyxy, t.score)
 
-The parts, for those who bring their own: :class:`Model` (picture -> detections with descriptors), :class:`Tracker`
-(detections -> identities), :func:`open_video` (any source -> frames).
+The parts, for those who bring their own: :func:`open_video` (any source -> frames), :class:`Model` (picture ->
+detections with descriptors), :class:`BoxDescriber` (picture and boxes of another detector -> descriptors),
+:class:`CameraMotion` (pictures -> how the camera moved), and :class:`Tracker` (detections -> identities), which
+:func:`tracker_for` sets up for a model.
 
 Importing the package loads none of its parts; each name is imported when it is first used.
 """
@@ -18,6 +20,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from lookonce.camera import CameraMotion
     from lookonce.errors import (
         ConfigError,
         FormatError,
@@ -27,8 +30,9 @@ if TYPE_CHECKING:
         VideoError,
         WeightsError,
     )
+    from lookonce.make.given_boxes import BoxDescriber
     from lookonce.model import Model
-    from lookonce.pipeline import TrackedFrame, track
+    from lookonce.pipeline import TrackedFrame, track, tracker_for
     from lookonce.structures import Detections, Track, Tracks
     from lookonce.tracking import DefaultConfig, PaperConfig, Tracker
     from lookonce.video import Frame, open_video
@@ -36,6 +40,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "BoxDescriber",
+    "CameraMotion",
     "ConfigError",
     "DefaultConfig",
     "Detections",
@@ -55,9 +61,12 @@ __all__ = [
     "__version__",
     "open_video",
     "track",
+    "tracker_for",
 ]
 
 _HOMES = {
+    "BoxDescriber": "make.given_boxes",
+    "CameraMotion": "camera",
     "ConfigError": "errors",
     "DefaultConfig": "tracking",
     "Detections": "structures",
@@ -76,6 +85,7 @@ _HOMES = {
     "WeightsError": "errors",
     "open_video": "video",
     "track": "pipeline",
+    "tracker_for": "pipeline",
 }
 
 

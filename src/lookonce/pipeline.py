@@ -215,7 +215,18 @@ def tracker_for(
     *,
     explain: bool = False,
 ) -> Tracker:
-    """A tracker with a preset's settings; the threshold as given, else as calibrated for the model, else the preset's.
+    """A tracker for the descriptors of a model.
+
+    >>> tracker = tracker_for(Model("street"))
+    >>> round(tracker.config.match_threshold, 2), Tracker().config.match_threshold
+    (0.91, 0.7)
+
+    Args:
+        model: a :class:`Model` or :class:`BoxDescriber`.
+        preset: ``"default"``, ``"iou"`` or ``"paper"``, or settings such as :class:`DefaultConfig`.
+        match_threshold: distance of two descriptors, above 0 to 2, from which they speak against one object; by default
+            what the model file says of its own, else the preset's.
+        explain: whether :class:`Tracks` carry the story of each frame; it costs time.
 
     Raises:
         ConfigError: there is no such preset, the threshold is out of range, or the model has no descriptors and the

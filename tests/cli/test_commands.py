@@ -12,7 +12,10 @@ from pathlib import Path
 import pytest
 
 from cli.processes import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
+from cli.running import Command
 from squares import write_clip, write_darknet
+
+HERE = Command()  # in this process, which is faster, for one more error among those that a process shows
 
 
 def test_track_writes_results_that_agree(square_clip: Path, square_model: Path, tmp_path: Path) -> None:
@@ -70,7 +73,7 @@ def make_bad_source(kind: str, folder: Path) -> str:
 @pytest.mark.parametrize("kind", ["missing", "empty", "text", "audio"])
 def test_bad_sources_are_one_line(kind: str, square_model: Path, tmp_path: Path) -> None:
     source = make_bad_source(kind, tmp_path)
-    assert_one_line(lookonce("track", source, "-m", square_model, "-o", tmp_path / "out"), 1, "clip.mp4")
+    assert "clip.mp4" in HERE.refusal("track", source, "-m", square_model, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -116,8 +119,9 @@ def edit(path: Path, old: str, new: str) -> None:
 def test_bad_cfgs_name_file_and_remedy(old: str, new: str, message: str, tmp_path: Path) -> None:
     cfg, weights, names = write_darknet(tmp_path)
     edit(cfg, old, new)
-    result = lookonce("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
-    assert_one_line(result, 1, "squares.cfg", message)
+    said = HERE.refusal("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
+    assert "squares.cfg" in said
+    assert message in said
     assert not (tmp_path / "m.onnx").exists()
 
 
@@ -131,8 +135,9 @@ def test_weights_one_byte_short_are_refused(tmp_path: Path) -> None:
 def test_names_that_do_not_match_are_refused(tmp_path: Path) -> None:
     cfg, weights, names = write_darknet(tmp_path)
     names.write_text("one\n")
-    result = lookonce("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
-    assert_one_line(result, 1, "squares.names", "1 class names", "2 classes")
+    said = HERE.refusal("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
+    for part in ("squares.names", "1 class names", "2 classes"):
+        assert part in said
 
 
 def test_import_says_what_it_made(tmp_path: Path) -> None:
@@ -149,8 +154,9 @@ def test_import_says_what_it_made(tmp_path: Path) -> None:
 def test_bad_sizes_are_refused(tmp_path: Path) -> None:
     cfg, weights, _ = write_darknet(tmp_path)
     for size, message in (("60", "multiple of 8"), ("axb", "HEIGHTxWIDTH"), ("9000", "4096")):
-        result = lookonce("import", cfg, weights, "--size", size, "-o", tmp_path / "m.onnx")
-        assert_one_line(result, 1, size, message)
+        said = HERE.refusal("import", cfg, weights, "--size", size, "-o", tmp_path / "m.onnx")
+        assert size in said
+        assert message in said
 
 
 def test_foreign_and_damaged_model_files_are_refused(square_clip: Path, square_model: Path, tmp_path: Path) -> None:
@@ -213,8 +219,7 @@ def test_wrong_usage_is_exit_code_2(arguments: list[str], square_clip: Path, squ
     ],
 )
 def test_settings_that_cannot_work_are_one_line(arguments, message, square_clip, square_model, tmp_path) -> None:
-    result = lookonce("track", square_clip, "-m", square_model, "-o", tmp_path / "out", *arguments)
-    assert_one_line(result, 1, message)
+    assert message in HERE.refusal("track", square_clip, "-m", square_model, "-o", tmp_path / "out", *arguments)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
@@ -288,5 +293,6 @@ def test_names_that_look_like_markup_are_shown_as_they_are(tmp_path: Path) -> No
 def test_names_with_control_characters_are_refused(tmp_path: Path) -> None:
     cfg, weights, names = write_darknet(tmp_path)
     names.write_bytes(b"red\n\x1b[31mother\n")
-    result = lookonce("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
-    assert_one_line(result, 1, "squares.names:2", "control characters")
+    said = HERE.refusal("import", cfg, weights, "--names", names, "-o", tmp_path / "m.onnx")
+    assert "squares.names:2" in said
+    assert "control characters" in said

@@ -381,6 +381,7 @@ def test_tracker_too_slow_for_many_detections_is_ranked_by_the_rest(
 
 
 @pytest.mark.data
+@pytest.mark.slow
 def test_appearance_helps_public_detections_at_a_low_frame_rate(data_folder: Path, tmp_path: Path) -> None:
     """PETS at 0.9 frames a second: persons have moved on, and boxes alone are a guess."""
     pets = data_folder / "sequences" / "PETS09-S2L1"

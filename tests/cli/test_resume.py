@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from cli.processes import INTERRUPTIBLE, PLAIN, assert_one_line, lookonce
+from cli.running import Command
 from lookonce.output import CHECKPOINT_FILE, read_checkpoint
 from lookonce.video import VideoWriter
 from make.probing.labelled_squares import truth_lines
@@ -146,8 +147,7 @@ def pan(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
-@pytest.mark.parametrize("share", [0.2, 0.5])
-def test_a_moving_camera_is_gone_on_with_to_the_same_bytes(pan, tmp_path, share: float) -> None:
+def test_a_moving_camera_is_gone_on_with_to_the_same_bytes(pan, tmp_path) -> None:
     """What the camera had seen was not kept: in the first frame after a stop it counted as still."""
 
     def command(out: Path) -> list[str]:
@@ -155,7 +155,7 @@ def test_a_moving_camera_is_gone_on_with_to_the_same_bytes(pan, tmp_path, share:
 
     unbroken, stopped = tmp_path / "unbroken", tmp_path / "stopped"
     assert lookonce(*command(unbroken)).returncode == 0
-    results, enough = stopped / "tracks.jsonl", share * (unbroken / "tracks.jsonl").stat().st_size
+    results, enough = stopped / "tracks.jsonl", 0.3 * (unbroken / "tracks.jsonl").stat().st_size
     _stop(command(stopped), stopped, signal.SIGINT, lambda: results.exists() and results.stat().st_size > enough)
     kept = read_checkpoint(stopped)
     assert kept is not None
@@ -179,21 +179,27 @@ def _stopped(long_clip: Path, square_model: Path, out: Path) -> list[str]:
 def test_what_cannot_be_gone_on_with_is_one_line_and_nothing_is_lost(long_clip, square_model, tmp_path) -> None:
     command = _stopped(long_clip, square_model, tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def refusal(*more: str) -> str:
+        return Command().refusal(*command, "--resume", *more)
+
     assert_one_line(lookonce(*command, "--resume", "--score", "0.3"), 1, "other settings (score)")
     (tmp_path / CHECKPOINT_FILE).write_text("{}")
-    assert_one_line(lookonce(*command, "--resume"), 1, CHECKPOINT_FILE)
+    assert CHECKPOINT_FILE in refusal()
     record = json.loads(before[CHECKPOINT_FILE])
     (tmp_path / CHECKPOINT_FILE).write_text(json.dumps(record | {"states": {"tracker": "../elsewhere.state"}}))
-    assert_one_line(lookonce(*command, "--resume"), 1, "outside the folder")
+    assert "outside the folder" in refusal()
     (tmp_path / CHECKPOINT_FILE).write_text(json.dumps(record | {"format_version": 1}))
-    assert_one_line(lookonce(*command, "--resume"), 1, "version 1", "--overwrite")
+    said = refusal()
+    assert "version 1" in said
+    assert "--overwrite" in said
     (tmp_path / CHECKPOINT_FILE).write_bytes(before[CHECKPOINT_FILE])
     for state in record["states"].values():
         (tmp_path / state).write_bytes(b"cut")
-        assert_one_line(lookonce(*command, "--resume"), 1, state)
+        assert state in refusal()
         (tmp_path / state).write_bytes(before[state])
     (tmp_path / "tracks.txt").write_bytes(b"")
-    assert_one_line(lookonce(*command, "--resume"), 1, "tracks.txt")
+    assert "tracks.txt" in refusal()
     (tmp_path / "tracks.txt").write_bytes(before["tracks.txt"])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     (tmp_path / CHECKPOINT_FILE).write_text("{}")

@@ -218,12 +218,11 @@ def test_the_match_threshold_is_the_models_unless_given(square_clip, square_boxe
 
 
 def test_missing_packages_are_named_in_one_line(square_clip, square_boxes, tmp_path, monkeypatch) -> None:
-    monkeypatch.delitem(sys.modules, "lookonce.make.given_boxes", raising=False)
     monkeypatch.delitem(sys.modules, "lookonce.make.export.reopen", raising=False)
     monkeypatch.setitem(sys.modules, "onnx_ir", None)
     result = track(square_clip, "--detections", square_boxes, "-m", "street", "-o", tmp_path / "out")
     assert isinstance(result.exception, ConfigError)
-    assert "need onnx_ir, which is missing; pip install 'lookonce[train]'" in str(result.exception)
+    assert "need the extra 'describe' (onnx_ir is missing); pip install 'lookonce[describe]'" in str(result.exception)
     assert track(square_clip, "--detections", square_boxes, "-o", tmp_path / "out").exit_code == 0
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lookonce import BoxDescriber
 from lookonce.errors import ModelError
-from lookonce.make.given_boxes import BoxDescriber
 from lookonce.model import Model
 from lookonce.video import open_video
 from squares import CELL, ROWS, SIZE, picture
@@ -117,7 +117,7 @@ def test_pytorch_is_not_needed() -> None:
 import sys
 sys.modules["torch"] = sys.modules["onnxscript"] = None  # importing one of them fails
 import numpy as np
-from lookonce.make.given_boxes import BoxDescriber
+from lookonce import BoxDescriber
 print(BoxDescriber("street", threads=1)(np.zeros((480, 640, 3), np.uint8), np.array([[9, 9, 90, 200]], "f4")).shape)
 """
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)

@@ -31,13 +31,13 @@ from lookonce.cli.evaluated_truth import BENCHMARKS, TrueSequence, open_truth
 from lookonce.cli.evaluation_files import check_output, write_text
 from lookonce.cli.figures import Column, choose_columns
 from lookonce.cli.stages import StageScreen
-from lookonce.cli.track_detections import open_describer
 from lookonce.cli.track_run import SHIPPED_MODEL
 from lookonce.compare.contenders.registry import Contender, contenders
 from lookonce.compare.crops import CropDescriber
 from lookonce.compare.running import TrackerProcess
 from lookonce.errors import ConfigError
 from lookonce.evaluation import PROTOCOLS
+from lookonce.make.given_boxes import BoxDescriber
 from lookonce.model import Model, available_cpus
 from lookonce.output.folder import prepare_output_folder
 from lookonce.video.opening import one_line
@@ -264,7 +264,7 @@ def _source(
             raise ConfigError("--crops and --classes go with a model's detections; files have neither")
         if not detections.exists():
             raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
-        reader = None if model is None else open_describer(model, provider, threads)
+        reader = None if model is None else BoxDescriber(model, provider=provider, threads=threads)
         return DetectionSource(
             None, detections, None, (), fps, cache, describer=reader, every=every, camera_score=settings.score
         )

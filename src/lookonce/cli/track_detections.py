@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +12,14 @@ from numpy.typing import NDArray
 from lookonce.datasets.detections import DetectionFile, read_detections
 from lookonce.errors import ConfigError
 from lookonce.letterbox import Fit
+from lookonce.make.given_boxes import BoxDescriber
 from lookonce.structures import Detections
 from lookonce.tracking import PaperConfig, Tracker, TrackerConfig
 from lookonce.video import Frame
 from lookonce.video.opening import one_line
 
-if TYPE_CHECKING:
-    from lookonce.make.given_boxes import BoxDescriber
-
 __all__ = [
     "DescribedFile",
-    "open_describer",
     "open_detections",
     "tracker_without_descriptors",
     "warn_of_other_frames",
@@ -63,21 +59,6 @@ class DescribedFile:
         """The same, in the frame's letterboxed picture."""
         found = self.file.detect(frame)
         return replace(found, descriptors=self.describer.read(canvas, placed, found.xyxy))
-
-
-def open_describer(model: str, provider: str, threads: int | None) -> BoxDescriber:
-    """What reads a model's descriptors at boxes of others.
-
-    Raises:
-        ConfigError: the packages for it are missing.
-        ModelError: the model file is missing, damaged, or has no descriptors.
-    """
-    try:
-        from lookonce.make.given_boxes import BoxDescriber
-    except ModuleNotFoundError as exc:
-        remedy = "pip install 'lookonce[train]', of which onnx and onnx-ir are enough"
-        raise ConfigError(f"a model's descriptors at given boxes need {exc.name}, which is missing; {remedy}") from exc
-    return BoxDescriber(model, provider=provider, threads=threads)
 
 
 def open_detections(path: Path, score: float | None) -> DetectionFile:

@@ -9,19 +9,18 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lookonce import __version__
 from lookonce.cli.screen import RunScreen
 from lookonce.cli.track_detections import (
     DescribedFile,
-    open_describer,
     open_detections,
     tracker_without_descriptors,
     warn_of_other_frames,
 )
 from lookonce.datasets.detections import DetectionFile
 from lookonce.errors import ConfigError
+from lookonce.make.given_boxes import BoxDescriber
 from lookonce.model import Model
 from lookonce.output import (
     CHECKPOINT_FILE,
@@ -38,9 +37,6 @@ from lookonce.pipeline import StageTimes, camera_for, detector_score, share_proc
 from lookonce.tracking import Tracker, TrackerConfig
 from lookonce.video import VideoSource, open_video, without_password
 from lookonce.video.opening import one_line
-
-if TYPE_CHECKING:
-    from lookonce.make.given_boxes import BoxDescriber
 
 __all__ = ["RunOptions", "TrackSettings", "run_tracking"]
 
@@ -190,7 +186,7 @@ def _open_detector(
         return open_detections(path, settings.score), tracker, 1
     per_inference, workers = share_processors(video.is_live, options.threads, settings.provider)
     if path is not None and settings.model is not None:
-        describer = open_describer(settings.model, settings.provider, per_inference)
+        describer = BoxDescriber(settings.model, provider=settings.provider, threads=per_inference)
         tracker = tracker_for(describer, config, settings.match_threshold, explain=options.explain)
         return DescribedFile(open_detections(path, settings.score), describer), tracker, workers
     model = Model(

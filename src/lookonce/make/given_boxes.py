@@ -1,4 +1,4 @@
-"""A model's descriptors at boxes that another program found. Needs `onnx` and `onnx-ir`, but no PyTorch."""
+"""A model's descriptors at boxes that another program found. Needs the extra `describe`, but no PyTorch."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lookonce.boxes import clip
+from lookonce.errors import ConfigError
 from lookonce.letterbox import Fit, Letterboxer, Pictured
 from lookonce.make.descriptors.anchors import rows_of_boxes
-from lookonce.make.export.model_file import DESCRIPTORS
-from lookonce.make.export.reopen import open_describer
 from lookonce.model import DescriptorInfo, ModelMetadata, available_cpus
 from lookonce.model.model import letterbox_image
 from lookonce.models import find_model
@@ -43,10 +42,15 @@ class BoxDescriber:
 
     Raises:
         ModelError: the file is missing, damaged, or has no descriptors.
-        ConfigError: the provider is not installed.
+        ConfigError: the provider or the extra ``describe`` is not installed.
     """
 
     def __init__(self, model: str | os.PathLike[str], *, provider: str = "cpu", threads: int | None = None) -> None:
+        try:
+            from lookonce.make.export.reopen import open_describer
+        except ModuleNotFoundError as exc:
+            message = f"a model's descriptors at given boxes need the extra 'describe' ({exc.name} is missing)"
+            raise ConfigError(f"{message}; pip install 'lookonce[describe]'") from exc
         self.path = find_model(model)
         self._read = open_describer(self.path, provider=provider, threads=threads or available_cpus())
         self.metadata: ModelMetadata = self._read.metadata
@@ -100,7 +104,7 @@ class BoxDescriber:
         boxes = placed.to_network(clip(np.where(np.isfinite(xyxy), xyxy, np.float32(np.nan)), placed.source))
         rows = np.flatnonzero((boxes[:, 2:] - boxes[:, :2] >= _SMALLEST_PX).all(axis=1))
         if len(rows):
-            found = self._read(canvas[np.newaxis], rows_of_boxes(self.metadata, boxes[rows]))[DESCRIPTORS]
+            found = self._read(canvas[np.newaxis], rows_of_boxes(self.metadata, boxes[rows]))["descriptors"]
             is_good = has_unit_length(found)
             descriptors[rows[is_good]] = found[is_good]
         return descriptors

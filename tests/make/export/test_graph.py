@@ -106,7 +106,7 @@ def test_same_bytes_however_it_is_run(tiny_model, name):
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("name", [REAL[0], *(pytest.param(name, marks=pytest.mark.slow) for name in REAL[1:])])
 def test_same_bytes_however_real_weights_are_run(data_folder, real_model, name):
     files = sorted((data_folder / "sequences/PETS09-S2L1/img1").glob("*.jpg"))[::100][:8]
     pictures = np.stack([cv2.resize(cv2.imread(str(file)), (512, 512))[..., ::-1] for file in files])
