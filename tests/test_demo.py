@@ -82,5 +82,5 @@ def test_the_command_needs_no_arguments_but_takes_some(tmp_path):
     assert "lookonce track" in done.stdout
     wrong = lookonce("demo", "--place", "moon", cwd=tmp_path)
     assert wrong.returncode == 1
-    assert wrong.stderr.startswith("lookonce: place 'moon'") or "moon" in wrong.stderr
+    assert "moon" in wrong.stderr
     assert len(wrong.stderr.strip().splitlines()) == 1

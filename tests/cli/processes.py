@@ -6,8 +6,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
-__all__ = ["INTERRUPTIBLE", "PLAIN", "assert_one_line", "lookonce"]
+__all__ = ["INTERRUPTIBLE", "PLAIN", "Result", "assert_one_line", "lookonce"]
 
 # Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
 INTERRUPTIBLE = [
@@ -19,6 +20,14 @@ INTERRUPTIBLE = [
 PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
 
 
+class Result(NamedTuple):
+    """What a command left."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
 def lookonce(*arguments: object, cwd: Path | None = None, columns: int = 200) -> subprocess.CompletedProcess[str]:
     """The command with these arguments, run to its end."""
     command = [sys.executable, "-m", "lookonce", *map(str, arguments)]
@@ -26,7 +35,7 @@ def lookonce(*arguments: object, cwd: Path | None = None, columns: int = 200) ->
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
 
 
-def assert_one_line(result: subprocess.CompletedProcess[str], code: int, *parts: str) -> None:
+def assert_one_line(result: Result | subprocess.CompletedProcess[str], code: int, *parts: str) -> None:
     lines = result.stderr.strip().splitlines()
     assert result.returncode == code, result.stderr
     assert "Traceback" not in result.stderr

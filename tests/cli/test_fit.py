@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import logging
-import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import onnx
 import pytest
 from PIL import Image
 
-from lookonce.cli.app import main
+from cli.processes import INTERRUPTIBLE, PLAIN, assert_one_line
 from lookonce.cli.stages import StageScreen
 from lookonce.model import Model, describe_model
 from lookonce.model.metadata import METADATA_KEY
@@ -25,38 +22,7 @@ from make.training.scenes import write_labelled, write_resting_clip, write_still
 from squares import picture
 
 COMMAND = [sys.executable, "-c", "from lookonce.cli.app import main; main()"]
-# Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
-INTERRUPTIBLE = [
-    *COMMAND[:2],
-    f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {COMMAND[2]}",
-]
-PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
 FAST = ("--steps", 6, "--check-every", 2, "--identities", 16, "--threads", 1)
-
-
-class Result(NamedTuple):
-    """What a command left."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def lookonce(capfd, monkeypatch):
-    """``lookonce(...)`` runs the command in this process: PyTorch is imported once for all tests."""
-    for name in ("NO_COLOR", "COLUMNS", "TERM"):
-        monkeypatch.setenv(name, PLAIN[name])
-
-    def run(*arguments: object) -> Result:
-        capfd.readouterr()
-        monkeypatch.setattr(sys, "argv", ["lookonce", *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit_:
-            main()
-        return Result(exit_.value.code or 0, *capfd.readouterr())
-
-    yield run
-    logging.addLevelName(logging.WARNING, "WARNING")
 
 
 @pytest.fixture
@@ -67,15 +33,6 @@ def sequence(tmp_path) -> Path:
 @pytest.fixture
 def stills(tmp_path) -> Path:
     return write_stills(tmp_path / "stills", range(4))
-
-
-def assert_one_line(result, code: int, *parts: str) -> None:
-    lines = result.stderr.strip().splitlines()
-    assert result.returncode == code, result.stderr
-    assert "Traceback" not in result.stderr
-    assert len(lines) == 1, result.stderr
-    for part in parts:
-        assert part in lines[0]
 
 
 def test_fit_writes_a_model_file_and_a_record(lookonce, square_model, sequence, stills, tmp_path):

@@ -21,7 +21,7 @@ from make.probing.labelled_squares import truth_lines
 from squares import write_clip
 
 FRAMES = 1000
-ENOUGH = 30_000  # bytes of tracks.jsonl, a fifth of the whole
+ENOUGH = 30_000  # bytes of tracks.jsonl, of some 400,000
 FILES = ("tracks.txt", "tracks.jsonl", "explain.jsonl")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import logging
 import os
 import signal
 import subprocess
@@ -13,14 +12,13 @@ import time
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from cli.processes import PLAIN, Result, assert_one_line
 from darknet_files import TINY, write_network
-from lookonce.cli.app import main
 from lookonce.cli.detecting import train_detector_command
 from lookonce.cli.stages import StageScreen
 from lookonce.errors import ConfigError
@@ -34,33 +32,7 @@ from model_runs import run_file
 from squares import picture
 
 COMMAND = "from lookonce.cli.app import main; main()"
-PLAIN = {**os.environ, "NO_COLOR": "1", "COLUMNS": "200", "TERM": "dumb"}
 FAST = ("--epochs", 2, "--batch", 8, "--check-every", 1, "--precision", "32-true", "--threads", 1)
-
-
-class Result(NamedTuple):
-    """What a command left."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def lookonce(capfd, monkeypatch):
-    """``lookonce(...)`` runs the command in this process: PyTorch is imported once for all tests."""
-    for name in ("NO_COLOR", "COLUMNS", "TERM"):
-        monkeypatch.setenv(name, PLAIN[name])
-
-    def run(*arguments: object) -> Result:
-        capfd.readouterr()
-        monkeypatch.setattr(sys, "argv", ["lookonce", *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit_:
-            main()
-        return Result(exit_.value.code or 0, *capfd.readouterr())
-
-    yield run
-    logging.addLevelName(logging.WARNING, "WARNING")
 
 
 @pytest.fixture(autouse=True)
@@ -89,15 +61,6 @@ def _no_training(monkeypatch):
         raise ConfigError("enough")
 
     monkeypatch.setattr(train, "learn", enough)
-
-
-def assert_one_line(result: Result, code: int, *parts: str) -> None:
-    lines = result.stderr.strip().splitlines()
-    assert result.returncode == code, result.stderr
-    assert "Traceback" not in result.stderr
-    assert len(lines) == 1, result.stderr
-    for part in parts:
-        assert part in lines[0]
 
 
 def assert_last_line(result: Result, *parts: str) -> None:

@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.evaluated import table_row
+from cli.processes import INTERRUPTIBLE
 from cli.running import Command
 from lookonce.cli.app import app
 from lookonce.datasets import open_sequences, read_mot_results
@@ -24,10 +25,6 @@ from lookonce.tracking.settings import read_tracker_settings
 from make.probing.labelled_squares import write_squares
 
 FRAMES = 16
-# Where the tests themselves run in the background, SIGINT is ignored, and children inherit that.
-INTERRUPTIBLE = (
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from lookonce.cli.app import main; main()"
-)
 
 needs_optuna = pytest.mark.usefixtures("optuna")
 COMMAND = Command("tune", columns=100)
@@ -143,7 +140,7 @@ def test_earlier_searches_are_neither_mixed_nor_lost(squares, two, square_model,
 
 @needs_optuna
 def test_ctrl_c_keeps_what_is_found(squares, square_model, tmp_path):
-    command = [sys.executable, "-c", INTERRUPTIBLE, "tune", squares, "-m", square_model, "-o", tmp_path]
+    command = [*INTERRUPTIBLE, "tune", squares, "-m", square_model, "-o", tmp_path]
     command += ["--trials", "100000", "--preset", "iou"]
     process = subprocess.Popen(
         [*map(str, command)],

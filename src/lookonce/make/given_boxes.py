@@ -104,7 +104,7 @@ class BoxDescriber:
         boxes = placed.to_network(clip(np.where(np.isfinite(xyxy), xyxy, np.float32(np.nan)), placed.source))
         rows = np.flatnonzero((boxes[:, 2:] - boxes[:, :2] >= _SMALLEST_PX).all(axis=1))
         if len(rows):
-            found = self._read(canvas[np.newaxis], rows_of_boxes(self.metadata, boxes[rows]))["descriptors"]
+            (found,) = self._read(canvas[np.newaxis], rows_of_boxes(self.metadata, boxes[rows])).values()
             is_good = has_unit_length(found)
             descriptors[rows[is_good]] = found[is_good]
         return descriptors
