@@ -230,19 +230,34 @@ def test_descriptors_at_the_boxes_of_others_need_pictures(
     assert "no such pictures" in refusal(*arguments)
 
 
-def test_missing_package_is_named_and_the_others_run(
-    tmp_path: Path, squares: Path, det_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def without_trackers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the package of that name were not installed."""
     find = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *more: None if name == "trackers" else find(name, *more)
     )
+
+
+def test_missing_package_is_named_and_the_others_run(
+    tmp_path: Path, squares: Path, det_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_trackers(monkeypatch)
     out = tmp_path / "out"
     shown = done("--truth", squares, "--detections", det_file, "--trackers", "sort,iou", "-o", out).stdout
     assert "SORT: not installed: pip install trackers" in shown
     content = {row["tracker"]: row for row in json.loads((out / "results.json").read_text())["rows"]}
     assert content["sort"]["figures"] is None
     assert content["iou"]["figures"] is not None
+
+
+def test_nothing_is_detected_where_no_tracker_is_installed(
+    tmp_path: Path, squares: Path, square_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_trackers(monkeypatch)
+    arguments = ("--truth", squares, "-m", square_model, "-o", tmp_path / "out")
+    assert "not installed: sort, bytetrack; pip install" in refusal(*arguments, "--trackers", "sort,bytetrack")
+    assert not (tmp_path / "out").exists()
+    assert "oracle" in done(*arguments, "--trackers", "sort,oracle").stdout
 
 
 def test_tracker_that_needs_too_long_is_named(

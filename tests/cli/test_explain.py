@@ -50,6 +50,40 @@ def test_an_identity_has_a_story(explained: Path) -> None:
     assert_one_line(lookonce("explain", explained, "--id", 999), 1, "999")
 
 
+def test_the_story_has_all_rows_of_the_results(explained: Path) -> None:
+    lines = [line.split(",") for line in (explained / "tracks.txt").read_text().splitlines()]
+    identity = lines[0][1]
+    frames = sorted(int(line[0]) - 1 for line in lines if line[1] == identity)
+    told = lookonce("explain", explained, "--id", identity).stdout
+    assert told.startswith(f"id {identity}: {len(frames)} detections from frame {frames[0]} ")
+    assert f"the id goes back to frame {frames[0]}" in told
+
+
+def test_gaps_and_better_rivals_are_told(tmp_path: Path) -> None:
+    """A rival that fits better is no candidate that a rule refused, and is never said to be behind."""
+    refused = {"id": 9, "cost": -7.0, "refused": "a score of 0.20 has to overlap by 0.3"}
+    better = {"id": 4, "cost": -6.0, "refused": "taken by row 5"}
+    row = {"id": 7, "decision": "refound", "reason": "id 7 again", "candidates": [{"id": 7, "cost": -3.5}]}
+    beside = {**row, "decision": "kept", "candidates": [*row["candidates"], {"id": 3, "cost": -3.1}, refused]}
+    row["candidates"] += [refused, better]
+    records = [
+        {"format": "lookonce-explain", "format_version": 1},
+        {"frame": 9, "rows": [beside]},
+        {
+            "frame": 13,
+            "rows": [row],
+            "filled": [{"frame": 11, "id": 7}, {"frame": 10, "id": 7}, {"frame": 10, "id": 3}],
+        },
+    ]
+    (tmp_path / "explain.jsonl").write_text("\n".join(map(json.dumps, records)))
+    assert lookonce("explain", tmp_path, "--id", 7).stdout.splitlines() == [
+        "id 7: 2 detections from frame 9 to frame 13, missed and filled in 2 frames between.",
+        "  frame 9: in doubt, id 3 was only 0.4 behind; id 7 again.",
+        "  frame 13: refound, id 7 again; in doubt, id 4 fitted better by 2.5, but was taken by row 5; "
+        "boxes filled in for 2 frames from 10 to 11.",
+    ]
+
+
 def test_a_frame_has_its_decisions(explained: Path) -> None:
     told = lookonce("explain", explained, "--frame", 0).stdout.splitlines()
     assert told[0] == "frame 0 (0.00 s): 3 detections"

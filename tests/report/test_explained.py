@@ -33,6 +33,11 @@ def test_everything_is_read(tmp_path: Path):
         {**HEADER, "tracker": "x"},
         {"frame": 12, "time_s": 0.48, "rows": [ROW, {"id": None}], "ended": [{"id": 5, "why": "unseen for 3.0 s"}]},
         {"frame": 13, "rows": [], "ended": [{"id": 5}]},
+        {
+            "frame": 14,
+            "given_back": [{"frame": 9, "id": 8}, {"frame": 7, "id": 8}, {"frame": 7, "id": 6}, {"frame": 3}],
+            "filled": [{"frame": 12, "id": 7}],
+        },
     )
     found = read_explanation(path)
     row = found.of(12, 7)
@@ -48,6 +53,8 @@ def test_everything_is_read(tmp_path: Path):
     assert found.ending(5, 0, 20) == Ending(13, "")
     assert found.ending(5, 14, 20) is None
     assert found.counts() == {"refound": 1, "not said": 1}
+    assert found.given_back == {(14, 8): (7, 9), (14, 6): (7,)}
+    assert found.filled == {(14, 7): (12,)}
 
 
 @pytest.mark.parametrize(
@@ -67,6 +74,8 @@ def test_everything_is_read(tmp_path: Path):
         pytest.param({"frame": 1, "rows": [{"candidates": [{"id": 1, "cost": "x"}]}]}, "cost", id="cost"),
         pytest.param({"frame": 1, "rows": [{"candidates": [{"id": 1, "cost": 10**400}]}]}, "cost", id="huge-cost"),
         pytest.param({"frame": 1, "ended": "x"}, "ended", id="ended"),
+        pytest.param({"frame": 1, "given_back": [3]}, "given_back", id="given-back"),
+        pytest.param({"frame": 1, "filled": [{"id": 3}]}, "frame", id="filled-without-frame"),
         pytest.param({"frame": 0}, "second time", id="frame-twice"),
         pytest.param([1], "JSON object", id="list"),
     ],

@@ -231,6 +231,9 @@ def _parse_trackers(text: str) -> tuple[str, ...]:
     for name in wanted:
         if name not in known:
             raise ConfigError(f"--trackers: no tracker {name!r}; expected some of {', '.join(known)}")
+    missing = [one for one in wanted if one != ORACLE and not contenders()[one].is_installed]
+    if wanted and missing == wanted:
+        raise ConfigError(f"--trackers: not installed: {', '.join(missing)}; pip install 'lookonce[compare]'")
     return tuple(dict.fromkeys(wanted))
 
 

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from lookonce.errors import ConfigError
-from lookonce.report.explained import ExplainedRow, Explanation, read_explanation
+from lookonce.report.explained import Candidate, ExplainedRow, Explanation, read_explanation
 
 __all__ = ["explain_command"]
 
 _FILE = "explain.jsonl"
+_TAKEN = "taken"  # how a refusal begins that is no rule's: another detection got the object
 _DOUBT = 1.5  # costs that are nearer to each other than this: a coin toss of one in five
 
 _EXAMPLES = """
@@ -70,9 +71,13 @@ def _tell_identity(told: Explanation, path: Path, identity: int, most: int) -> N
     rows = [(frame, row) for frame in sorted(told.rows) for row in told.rows[frame] if row.id == identity]
     if not rows:
         raise ConfigError(f"{path}: no detection has id {identity}; see tracks.txt for the ids there are")
-    first, last = rows[0][0], rows[-1][0]
-    print(f"id {identity}: {len(rows)} detections from {_when(told, first)} to {_when(told, last)}.")
-    moments = [(frame, text) for frame, row in rows if (text := _moment(row))]
+    given_back = [one for (_, own), frames in told.given_back.items() if own == identity for one in frames]
+    filled = [one for (_, own), frames in told.filled.items() if own == identity for one in frames]
+    first, last = min([rows[0][0], *given_back]), rows[-1][0]
+    gaps = f", missed and filled in {len(filled)} frames between" if filled else ""
+    count = len(rows) + len(given_back)
+    print(f"id {identity}: {count} detections from {_when(told, first)} to {_when(told, last)}{gaps}.")
+    moments = [(frame, text) for frame, row in rows if (text := _moment(told, frame, row))]
     for frame, text in moments[:most]:
         print(f"  {_when(told, frame)}: {text}.")
     if len(moments) > most:
@@ -83,21 +88,44 @@ def _tell_identity(told: Explanation, path: Path, identity: int, most: int) -> N
         print("  Never in doubt: in each frame one detection fitted, and no other object came near it.")
 
 
-def _moment(row: ExplainedRow) -> str:
+def _moment(told: Explanation, frame: int, row: ExplainedRow) -> str:
     """What is worth telling of a row; empty where it went on as before without a rival."""
-    rival = _rival(row)
-    doubt = f"in doubt, id {rival[0]} was only {rival[1]:.1f} behind" if rival else ""
+    doubt = _doubt(row)
     if row.decision == "kept":
         return f"{doubt}; {row.reason}" if doubt else ""
-    return f"{row.decision}, {row.reason}" + (f"; {doubt}" if doubt else "")
+    parts = [f"{row.decision}, {row.reason}", doubt]
+    if row.id is not None and (given_back := told.given_back.get((frame, row.id))):
+        parts.append(f"the id goes back to {_frames(given_back)}")
+    if row.id is not None and (filled := told.filled.get((frame, row.id))):
+        parts.append(f"boxes filled in for {_frames(filled)}")
+    return "; ".join(filter(None, parts))
 
 
-def _rival(row: ExplainedRow) -> tuple[int, float] | None:
-    """The next likely object and by how much it is behind, if that is little."""
-    if not row.candidates or (cost := row.candidates[0].cost) is None:
+def _frames(frames: tuple[int, ...]) -> str:
+    """Frames, rising, in words."""
+    return f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames from {frames[0]} to {frames[-1]}"
+
+
+def _doubt(row: ExplainedRow) -> str:
+    """Who else may be meant; empty if nobody."""
+    rival = _rival(row)
+    if rival is None:
+        return ""
+    other, behind = rival
+    if behind >= 0:
+        return f"in doubt, id {other.id} was only {behind:.1f} behind"
+    why = f"was {other.refused}" if other.refused else "not best for the frame"
+    return f"in doubt, id {other.id} fitted better by {-behind:.1f}, but {why}"
+
+
+def _rival(row: ExplainedRow) -> tuple[Candidate, float] | None:
+    """The next likely object and by how much it is behind the own one, if that is little; below 0: it is ahead."""
+    if not row.candidates or (own := row.candidates[0].cost) is None:
         return None
-    behind = [(one.cost - cost, one.id) for one in row.candidates[1:] if one.cost is not None and one.cost < 0]
-    return (min(behind)[1], max(0.0, min(behind)[0])) if behind and min(behind)[0] < _DOUBT else None
+    others = [one for one in row.candidates[1:] if not one.refused or one.refused.startswith(_TAKEN)]
+    behind = [(one.cost - own, one.id, one) for one in others if one.cost is not None and one.cost < 0]
+    nearest = min(behind, default=None, key=lambda found: found[:2])
+    return (nearest[2], nearest[0]) if nearest is not None and nearest[0] < _DOUBT else None
 
 
 def _tell_doubts(told: Explanation, most: int) -> None:

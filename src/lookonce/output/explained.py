@@ -26,6 +26,9 @@ _DECIMALS = 4
 class ExplainSink(Sink):
     """Writes a line a frame: every detection with its decision and the objects that it was held against.
 
+    Where an identity gets detections of earlier frames, or boxes for frames in which it was missed, ``given_back`` and
+    ``filled`` say which (``frame``, ``id``).
+
     Args:
         path: the file; an existing one is emptied.
         keep: go on after so many bytes of an existing file.
@@ -59,6 +62,10 @@ class ExplainSink(Sink):
                 for row in tracks.story.rows
             ]
             record["ended"] = [{"id": one.id, "why": one.why} for one in tracks.story.ended]
+        for name, earlier in (("given_back", tracks.given_back), ("filled", tracks.filled)):
+            if len(earlier):
+                pairs = zip(earlier.frames.tolist(), earlier.ids.tolist(), strict=True)
+                record[name] = [{"frame": index, "id": identity} for index, identity in pairs]
         self._append(record)
 
     def _append(self, record: Mapping[str, object]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -90,11 +90,15 @@ class Explanation:
         rows: frame -> what was decided for its detections.
         times_s: frame -> time.
         endings: identity -> when it was given up, in order.
+        given_back: (frame, identity) -> earlier frames whose detections became its in that frame.
+        filled: (frame, identity) -> earlier frames in which it was missed, and which were filled in that frame.
     """
 
     rows: Mapping[int, tuple[ExplainedRow, ...]]
     times_s: Mapping[int, float] = field(default_factory=dict)
     endings: Mapping[int, tuple[Ending, ...]] = field(default_factory=dict)
+    given_back: Mapping[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)
+    filled: Mapping[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)
 
     def of(self, frame: int, identity: int) -> ExplainedRow | None:
         """The row of an identity in a frame."""
@@ -129,12 +133,18 @@ def read_explanation(path: Path) -> Explanation:
     rows: dict[int, tuple[ExplainedRow, ...]] = {}
     times_s: dict[int, float] = {}
     endings: defaultdict[int, list[Ending]] = defaultdict(list)
+    given_back: dict[tuple[int, int], tuple[int, ...]] = {}
+    filled: dict[tuple[int, int], tuple[int, ...]] = {}
     total = 0
     for record in records:
         frame = record.frame()
         if frame in rows:
             raise fault(path, record.line, f"frame {frame} a second time; remove one of the two lines")
         rows[frame] = tuple(_row(one) for one in record.records("rows"))
+        for found, name in ((given_back, "given_back"), (filled, "filled")):
+            of_identity = _earlier(record.records(name))
+            found |= {(frame, identity): frames for identity, frames in of_identity.items()}
+            total += sum(map(len, of_identity.values()))
         total += len(rows[frame]) + sum(len(row.candidates) for row in rows[frame])
         if total > _MOST_ROWS:
             raise fault(path, record.line, f"more than {_MOST_ROWS:,} rows and candidates; explain a part of the video")
@@ -143,7 +153,17 @@ def read_explanation(path: Path) -> Explanation:
         for one in record.records("ended"):
             if (identity := one.whole("id")) is not None:
                 endings[identity].append(Ending(frame, one.text("why") or ""))
-    return Explanation(rows, times_s, {identity: tuple(found) for identity, found in endings.items()})
+    ended = {identity: tuple(found) for identity, found in endings.items()}
+    return Explanation(rows, times_s, ended, given_back, filled)
+
+
+def _earlier(records: Iterable[Record]) -> dict[int, tuple[int, ...]]:
+    """Identity -> frames, rising."""
+    frames: defaultdict[int, set[int]] = defaultdict(set)
+    for one in records:
+        if (identity := one.whole("id")) is not None:
+            frames[identity].add(one.frame())
+    return {identity: tuple(sorted(found)) for identity, found in frames.items()}
 
 
 def _row(record: Record) -> ExplainedRow:
