@@ -63,7 +63,7 @@ def test_after_ctrl_c_the_rest_gives_the_same_bytes(long_clip, square_model, unb
     kept = read_checkpoint(tmp_path)
     assert kept is not None
     assert kept.frame == json.loads(results.read_text().splitlines()[-1])["frame"] < FRAMES - 1
-    assert_one_line(lookonce(*command), 1, "exists from an earlier run")
+    assert_one_line(lookonce(*command), 1, "--resume goes on, --overwrite begins again")
     again = lookonce(*command, "--resume")
     assert again.returncode == 0, again.stderr
     assert f"going on after frame {kept.frame + 1}" in again.stdout
@@ -94,6 +94,20 @@ def test_after_a_kill_it_goes_on_from_the_last_checkpoint(long_clip, square_mode
     assert lookonce(*_command(long_clip, square_model, tmp_path), "--resume").returncode == 0
     for name in FILES:
         assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")
+def test_after_a_kill_before_the_first_checkpoint_it_begins_again(long_clip, square_model, unbroken, tmp_path) -> None:
+    results, command = tmp_path / "tracks.jsonl", _command(long_clip, square_model, tmp_path)
+    _stop(command, tmp_path, signal.SIGKILL, lambda: results.exists() and results.stat().st_size > 0)
+    kept = read_checkpoint(tmp_path)
+    assert kept is not None
+    assert kept.frame == -1
+    assert_one_line(lookonce(*command), 1, "--resume goes on, --overwrite begins again")
+    assert lookonce(*command, "--resume").returncode == 0
+    for name in FILES:
+        assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")

@@ -46,12 +46,23 @@ def test_only_the_newest_states_are_kept_and_none_in_the_end(tmp_path: Path, mon
     assert names(tmp_path) == ["camera-2.state"]
 
 
+def test_a_run_that_has_begun_is_not_complete(tmp_path: Path) -> None:
+    CheckpointSink.begin(tmp_path)
+    assert names(tmp_path) == [CHECKPOINT_FILE]
+    kept = read_checkpoint(tmp_path)
+    assert kept is not None
+    assert (kept.frame, kept.sizes, kept.states) == (-1, {}, {})
+    sink(tmp_path).finish()
+    assert read_checkpoint(tmp_path) is None
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         pytest.param({"format": "other"}, "another kind", id="format"),
         pytest.param({"format_version": 1}, "version 1, expected 2", id="version"),
         pytest.param({"frame": -1}, "range", id="frame"),
+        pytest.param({"frame": -1, "states": {}}, "range", id="begun with results"),
         pytest.param({"sizes": {"../x": 1}}, "outside", id="result elsewhere"),
         pytest.param({"states": {"tracker": "/etc/x"}}, "outside", id="state elsewhere"),
         pytest.param({"states": {"tracker": 5}}, "no checkpoint", id="no name"),

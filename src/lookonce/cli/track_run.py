@@ -201,19 +201,26 @@ def _open_detector(
 
 def _start(folder: Path, options: RunOptions, header: dict[str, object], video: VideoSource) -> _Start:
     """A new run in a folder that is prepared for it, or the rest of one that stopped."""
-    checkpoint = read_checkpoint(folder) if options.resume and not options.overwrite else None
-    if checkpoint is None:
-        files = [_MOT_FILE, _JSON_FILE, _VIDEO_FILE, _EXPLAIN_FILE, CHECKPOINT_FILE]
-        if options.resume and not options.overwrite and (folder / _JSON_FILE).exists():
-            raise ConfigError(f"{folder}: the run there is complete; --overwrite makes it again")
-        prepare_output_folder(folder, files, options.overwrite)
-        if options.overwrite:
-            CheckpointSink.remove(folder)
-        return _Start()
-    if video.is_live:
+    has_results = (folder / _JSON_FILE).exists()
+    if options.resume and video.is_live and has_results:
         raise ConfigError(f"{video.name}: a live source cannot be gone on with; choose another folder with -o")
-    _refuse_other_settings(folder / _JSON_FILE, header)
-    return _Start(checkpoint.frame, dict(checkpoint.sizes), checkpoint.states)
+    checkpoint = read_checkpoint(folder) if options.resume else None
+    if checkpoint is not None and checkpoint.frame >= 0:
+        _refuse_other_settings(folder / _JSON_FILE, header)
+        return _Start(checkpoint.frame, dict(checkpoint.sizes), checkpoint.states)
+    overwrite = options.overwrite or checkpoint is not None
+    if has_results and not overwrite:
+        if options.resume:
+            raise ConfigError(f"{folder}: the run there is complete; --overwrite makes it again")
+        if (folder / CHECKPOINT_FILE).exists():
+            raise ConfigError(f"{folder}: has a run that was stopped; --resume goes on, --overwrite begins again")
+    files = [_MOT_FILE, _JSON_FILE, _VIDEO_FILE, _EXPLAIN_FILE, CHECKPOINT_FILE]
+    prepare_output_folder(folder, files, overwrite)
+    if overwrite:
+        CheckpointSink.remove(folder)
+    if not video.is_live:
+        CheckpointSink.begin(folder)
+    return _Start()
 
 
 def _refuse_other_settings(path: Path, header: dict[str, object]) -> None:

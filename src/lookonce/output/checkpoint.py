@@ -31,7 +31,7 @@ class Checkpoint:
     """Where a run stands.
 
     Attributes:
-        frame: the number of the last frame in the results, as in the source.
+        frame: the number of the last frame in the results, as in the source; -1 = it has begun, and nothing is kept.
         sizes: name of each result file -> bytes that belong to these frames.
         states: what it is of, such as "tracker" -> the file with its state.
     """
@@ -44,7 +44,8 @@ class Checkpoint:
 class CheckpointSink(Sink):
     """The last sink of a run: every few seconds, and when it is closed early, it keeps where the run stands.
 
-    States that were kept are removed only once the next ones are whole.
+    States that were kept are removed only once the next ones are whole. ``begin`` comes before there are any results,
+    so that these are never without a checkpoint unless they are complete.
 
     Args:
         folder: of the results.
@@ -52,7 +53,7 @@ class CheckpointSink(Sink):
         sizes: gives name and size in bytes of each result file.
 
     Raises:
-        OutputError: the folder cannot be written, at the first checkpoint.
+        OutputError: the folder cannot be written, at a checkpoint.
     """
 
     def __init__(
@@ -79,15 +80,18 @@ class CheckpointSink(Sink):
         states = {name: f"checkpoint-{frame}.{name}" for name in self._save_states}
         for name, save in self._save_states.items():
             save(folder / states[name])
-        record = {"format": _FORMAT, "format_version": _VERSION, "frame": frame}
-        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.part")
-        try:
-            draft.write_text(json.dumps(record | {"sizes": dict(self._sizes()), "states": states}))
-            draft.replace(self.path)
-        except OSError as exc:
-            raise OutputError(f"{self.path}: cannot be written ({exc.strerror}); free some space") from exc
+        _write(self.path, {"frame": frame, "sizes": dict(self._sizes()), "states": states})
         _remove_states(folder, states.values())
         self._kept = frame
+
+    @staticmethod
+    def begin(folder: Path) -> None:
+        """Say that a run has begun in ``folder``, of which nothing is kept yet.
+
+        Raises:
+            OutputError: the folder cannot be written.
+        """
+        _write(folder / CHECKPOINT_FILE, {"frame": -1, "sizes": {}, "states": {}})
 
     def finish(self) -> None:
         """The run is complete: nothing is left to go on with."""
@@ -108,6 +112,16 @@ class CheckpointSink(Sink):
         self._frame = None
 
 
+def _write(path: Path, record: Mapping[str, object]) -> None:
+    """Replace a checkpoint by another one, at once."""
+    draft = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        draft.write_text(json.dumps({"format": _FORMAT, "format_version": _VERSION, **record}))
+        draft.replace(path)
+    except OSError as exc:
+        raise OutputError(f"{path}: cannot be written ({exc.strerror}); free some space") from exc
+
+
 def _remove_states(folder: Path, but: Collection[str] = ()) -> None:
     """Remove files of states, also those that a kill left half written or without a checkpoint."""
     with contextlib.suppress(OSError):
@@ -117,7 +131,7 @@ def _remove_states(folder: Path, but: Collection[str] = ()) -> None:
 
 
 def read_checkpoint(folder: Path) -> Checkpoint | None:
-    """Where the run in a folder stands; None: there is nothing to go on with.
+    """Where the run in a folder stands; None: there is none, or it is complete.
 
     Raises:
         FormatError: the file is something else, or damaged.
@@ -137,6 +151,8 @@ def read_checkpoint(folder: Path) -> Checkpoint | None:
         if record["format_version"] != _VERSION:
             raise ValueError(f"of version {record['format_version']!s:.20}, expected {_VERSION}")
         frame, sizes, states = record["frame"], record["sizes"], record["states"]
+        if (frame, sizes, states) == (-1, {}, {}):
+            return Checkpoint(frame, sizes, states)
         whole = [frame, *sizes.values()]
         if not all(isinstance(one, int) and not isinstance(one, bool) and 0 <= one < _LARGEST for one in whole):
             raise ValueError("numbers out of range")
