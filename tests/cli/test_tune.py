@@ -22,7 +22,7 @@ from lookonce.datasets import open_sequences, read_mot_results
 from lookonce.evaluation import TrackingResult, TrackingTruth, evaluate_tracking
 from lookonce.tracking import DefaultConfig, PaperConfig
 from lookonce.tracking.settings import read_tracker_settings
-from make.probing.labelled_squares import write_squares
+from make.probing.labelled_squares import truth_lines, write_squares
 
 FRAMES = 16
 
@@ -89,6 +89,36 @@ def test_a_trial_scores_what_track_and_eval_say(two, square_model, tmp_path):
     result = TrackingResult.of_rows(read_mot_results(tmp_path / "t" / "tracks.txt"))
     expected = evaluate_tracking(TrackingTruth.of_sequence(sequence, FRAMES), result)
     assert 0 < score == expected.identity.idf1
+
+
+@pytest.fixture
+def det_file(tmp_path: Path) -> Path:
+    """The squares of both sequences as others' detections: as many frames as the longer one has, one box missed."""
+    rows = [line.split(",") for line in truth_lines(FRAMES)]
+    del rows[10]
+    path = tmp_path / "det.txt"
+    path.write_text("".join(",".join([frame, "-1", *box, "0.9"]) + "\n" for frame, _, *box, _, _, _, _ in rows))
+    return path
+
+
+@needs_optuna
+@pytest.mark.parametrize("described", [False, True], ids=["boxes only", "described"])
+def test_detections_of_others_score_what_track_and_eval_say(squares, det_file, square_model, tmp_path, described):
+    given = ["--detections", det_file, *(["-m", square_model] if described else [])]
+    done(squares, *given, "--trials", 1, "-o", tmp_path / "out")
+    header, trial = map(json.loads, (tmp_path / "out" / "trials.jsonl").read_text().splitlines())
+    assert (header["model"] is None) != described
+    assert ("appearance_weight" in trial["values"]) == described
+    track = ["track", squares, *given, "--no-video", "--max-frames", FRAMES // 2, "-o", tmp_path / "t"]
+    assert CliRunner().invoke(app, [*map(str, track)]).exit_code == 0
+    (sequence,) = open_sequences(squares)
+    result = TrackingResult.of_rows(read_mot_results(tmp_path / "t" / "tracks.txt"))
+    truth = TrackingTruth.of_sequence(sequence, FRAMES)
+    searched = truth.in_frames(truth.frames < FRAMES // 2)
+    assert 0 < trial["score"] == evaluate_tracking(searched, result).hota.hota
+    found = (tmp_path / "out" / "tuned.toml").read_text()
+    assert "with det.txt" in found
+    assert ("match_threshold fits" in found) == described
 
 
 @needs_optuna
@@ -180,12 +210,20 @@ def test_ctrl_c_keeps_what_is_found(squares, square_model, tmp_path):
         pytest.param(["--classes", "bird"], ["finds none of the classes bird"], id="classes"),
         pytest.param(["--every", "9"], ["no object that counts"], id="too thin"),
         pytest.param(["--frames", "x"], ["fit one only"], id="frames"),
+        pytest.param(["--detections", "nowhere.txt"], ["nowhere.txt: no such file"], id="detections"),
     ],
 )
 def test_wrong_wishes_are_one_line(two, square_model, tmp_path, options, parts):
     message = refusal(two, "-m", square_model, "-o", tmp_path / "out", *options)
     for part in parts:
         assert part in message
+
+
+@needs_optuna
+def test_what_needs_descriptors_is_not_searched_without(squares, det_file, tmp_path):
+    given = (squares, "--detections", det_file, "-o", tmp_path / "out")
+    assert "has no descriptors" in refusal(*given, "--preset", "paper")
+    assert "--only 'appearance_weight'" in refusal(*given, "--only", "appearance_weight")
 
 
 @needs_optuna

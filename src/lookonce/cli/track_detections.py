@@ -87,7 +87,7 @@ def tracker_without_descriptors(
     """
     if isinstance(config, PaperConfig):
         message = "has no descriptors, which tracker 'paper' needs; name a model that reads them with -m"
-        raise ConfigError(f"{one_line(path)}: {message}, or take --tracker default")
+        raise ConfigError(f"{one_line(path)}: {message}, or take the preset default")
     if match_threshold is not None:
         message = "has no descriptors for --match-threshold to be held against; name a model that reads them with -m"
         raise ConfigError(f"{one_line(path)}: {message}, or leave it out")

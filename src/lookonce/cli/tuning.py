@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,9 +16,12 @@ from lookonce.cli.compare_scenes import DetectionSource, labels_of
 from lookonce.cli.evaluated_truth import BENCHMARKS, TrueSequence
 from lookonce.cli.evaluation_files import write_text
 from lookonce.cli.stages import StageScreen
+from lookonce.cli.track_detections import tracker_without_descriptors
+from lookonce.cli.track_run import SHIPPED_MODEL
 from lookonce.cli.tuning_data import TuningData, find_scenes, hold_out, open_all
 from lookonce.cli.tuning_screen import TunedFigures, print_tuned, toml_lines
 from lookonce.errors import ConfigError
+from lookonce.make.given_boxes import BoxDescriber
 from lookonce.model import Model, available_cpus
 from lookonce.output.folder import prepare_output_folder
 from lookonce.pipeline import detector_score, tracker_for
@@ -41,6 +44,10 @@ _EXAMPLES = """
 
   lookonce tune MOT17-02/ -m model+id.onnx --classes person
 
+  On detections of your own, with a model's descriptors at their boxes (without -m: boxes only):
+
+  lookonce tune MOT17-02/ --detections MOT17-02/det/det.txt -m street
+
   Several sequences and frame rates, one sequence held out, an hour:
 
   lookonce tune data/ -m model+id.onnx --every 1,2,4 --holdout gate-3 --trials 1000 --minutes 60
@@ -57,7 +64,18 @@ _MAX_TRIALS = 100_000
 _Data = Annotated[
     list[Path], typer.Argument(metavar="DATA", help="Labelled sequences with pictures, or folders of them.")
 ]
-_ModelFile = Annotated[str, typer.Option("-m", "--model", help="Model file, or the name of one that ships.")]
+_ModelFile = Annotated[
+    str | None,
+    typer.Option(
+        "-m",
+        "--model",
+        help="Model file or name, for the detections; with --detections for descriptors at their boxes.",
+        show_default=f"{SHIPPED_MODEL}; --detections: none",
+    ),
+]
+_Detections = Annotated[
+    Path | None, typer.Option(help="Detections of others: a file, or a folder with one a sequence.", show_default=False)
+]
 _Output = Annotated[Path, typer.Option("-o", "--output", help="Folder for tuned.toml, the trials and the detections.")]
 _Preset = Annotated[str, typer.Option(help="Where to begin: default, iou, paper, or a TOML file.")]
 _Objective = Annotated[str, typer.Option(help=f"What to make large: {', '.join(OBJECTIVES)}.")]
@@ -73,7 +91,8 @@ _Trials = Annotated[int, typer.Option(help="How many settings to try in all.", m
 _Minutes = Annotated[float | None, typer.Option(help="Begin no trial after so long.", min=0, show_default="no limit")]
 _Seed = Annotated[int, typer.Option(help="Of every random choice.", min=0, max=2**32 - 1)]
 _Classes = Annotated[
-    str, typer.Option(help="Keep detections (and truth, where it has them) of these classes.", show_default="all")
+    str,
+    typer.Option(help="Keep a model's detections (and truth, where it has them) of these classes.", show_default="all"),
 ]
 _Frames = Annotated[Path | None, typer.Option(help="Pictures of a single sequence.", show_default="as its layout says")]
 _Fps = Annotated[float | None, typer.Option(help="Of folders of pictures.", show_default="as stated there, or 25")]
@@ -104,7 +123,8 @@ class _Asked:
 
 def tune_command(
     data: _Data,
-    model: _ModelFile = "street",
+    model: _ModelFile = None,
+    detections: _Detections = None,
     output: _Output = Path("runs/tune"),
     preset: _Preset = "default",
     objective: _Objective = "hota",
@@ -125,8 +145,9 @@ def tune_command(
 ) -> None:
     """Search a tracker's settings on your own truth.
 
-    Detections are found once. Each trial then tracks with other settings and is scored; the best settings are scored
-    on what was held out, too. Ctrl-C keeps what is found so far. The same seed finds the same settings.
+    Detections are found once, or taken from files. Each trial then tracks with other settings and is scored; the best
+    settings are scored on what was held out, too. Ctrl-C keeps what is found so far. The same seed finds the same
+    settings.
     """
     _check(objective, every, benchmark)
     asked = _Asked(
@@ -146,10 +167,7 @@ def tune_command(
     choose_ranges(asked.begin.config, True, asked.only)  # refuses before any work
     truth = open_all(data, frames, benchmark)
     prepare_output_folder(output, [] if resume else [_TUNED, _TRIALS], overwrite)
-    least = lowest_score(asked.begin.config)
-    score = detector_score(asked.begin.config) if least is None else least
-    detector = Model(model, provider=provider, threads=threads or available_cpus(), score_threshold=score)
-    _tune(asked, detector, truth)
+    _tune(asked, *_open(asked, model, detections, provider, threads or available_cpus()), truth)
 
 
 tune_command.__doc__ = f"{cleandoc(tune_command.__doc__ or '')}\n{_EXAMPLES}"
@@ -171,22 +189,45 @@ def _check(objective: str, every: str, benchmark: str) -> None:
         raise ConfigError(f"tune needs the extra 'tune' ({exc.name} is missing); pip install 'lookonce[tune]'") from exc
 
 
-def _tune(asked: _Asked, model: Model, truth: Sequence[TrueSequence]) -> None:
+def _open(
+    asked: _Asked, model: str | None, detections: Path | None, provider: str, threads: int
+) -> tuple[DetectionSource, TrackerConfig, bool]:
+    """Where detections come from, the settings to begin with, and whether there are descriptors."""
+    begin, threshold = asked.begin.config, asked.begin.threshold()
+    cache, camera_score = asked.output / "detections", detector_score(begin)
+    every = asked.every if isinstance(begin, DefaultConfig) else ()
+    if detections is None:
+        least = lowest_score(begin)
+        score = camera_score if least is None else least
+        detector = Model(model or SHIPPED_MODEL, provider=provider, threads=threads, score_threshold=score)
+        labels = labels_of(detector, asked.classes)
+        source = DetectionSource(detector, None, None, labels, asked.fps, cache, every=every, camera_score=camera_score)
+        return source, tracker_for(detector, begin, threshold).config, detector.metadata.descriptor is not None
+    if not detections.exists():
+        raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
+    source = DetectionSource(None, detections, None, (), asked.fps, cache, every=every, camera_score=camera_score)
+    if model is None:
+        return source, tracker_without_descriptors(detections, begin, None).config, False
+    reader = BoxDescriber(model, provider=provider, threads=threads)
+    return replace(source, describer=reader), tracker_for(reader, begin, threshold).config, True
+
+
+def _in_words(source: DetectionSource) -> str:
+    """Whose detections, and whose descriptors."""
+    if source.model is not None:
+        return one_line(source.model.path.name)
+    assert source.files is not None
+    described = "" if source.describer is None else f", descriptors of {one_line(source.describer.path.name)}"
+    return f"{one_line(source.files.name)}{described}"
+
+
+def _tune(
+    asked: _Asked, source: DetectionSource, start: TrackerConfig, has_descriptors: bool, truth: Sequence[TrueSequence]
+) -> None:
     from lookonce.tuning.searching import Search, best_settings  # needs Optuna
 
     start_s = time.perf_counter()
-    start = tracker_for(model, asked.begin.config, asked.begin.threshold()).config
-    ranges = choose_ranges(start, model.metadata.descriptor is not None, asked.only)
-    source = DetectionSource(
-        model,
-        None,
-        None,
-        labels_of(model, asked.classes),
-        asked.fps,
-        asked.output / "detections",
-        every=tuple(asked.every) if isinstance(start, DefaultConfig) else (),
-        camera_score=detector_score(start),
-    )
+    ranges = choose_ranges(start, has_descriptors, asked.only)
     seconds = None if asked.minutes is None else 60 * asked.minutes
     search = Search(start, ranges, asked.objective, asked.trials, seconds, asked.seed)
     with StageScreen() as screen:
@@ -194,12 +235,12 @@ def _tune(asked: _Asked, model: Model, truth: Sequence[TrueSequence]) -> None:
         data = hold_out(scenes, asked.holdout)
         searched, held_out = Scorer(data.searched, asked.every), Scorer(data.held_out, asked.every)
         screen.say(f"{data.in_words}; {len(ranges)} settings")
-        about = _about(asked, model, start, ranges, data)
+        about = _about(asked, source, start, ranges, data)
         file = TrialFile(asked.output / _TRIALS, about, ranges, resumes=asked.resumes)
         is_interrupted = _search(search, searched, file, screen)
         best = best_settings(start, file.trials)
         figures = TunedFigures.of(asked.objective, start, best, searched, held_out)
-    lines = toml_lines(figures, file.trials, data, one_line(model.path.name), asked.seed)
+    lines = toml_lines(figures, file.trials, data, _in_words(source), asked.seed, has_descriptors)
     write_text(asked.output / _TUNED, tracker_settings_toml(best, about=lines))
     print_tuned(figures, file.trials, ranges, data)
     where = one_line(asked.output / _TUNED)
@@ -228,14 +269,15 @@ def _search(search: Search, scorer: Scorer, file: TrialFile, screen: StageScreen
 
 
 def _about(
-    asked: _Asked, model: Model, start: TrackerConfig, ranges: Sequence[SearchRange], data: TuningData
+    asked: _Asked, source: DetectionSource, start: TrackerConfig, ranges: Sequence[SearchRange], data: TuningData
 ) -> dict[str, object]:
     """All that scores depend on: the first line of the trials."""
+    network = source.model or source.describer
     return {
         "objective": asked.objective,
         "frame_rates": list(asked.every),
         "seed": asked.seed,
-        "model": model.sha256,
+        "model": None if network is None else network.sha256,
         "settings": asdict(start),
         "ranges": {one.name: [one.low, one.high] for one in ranges},
         "data": {scene.name: scene.digest() for scene in data.searched},

@@ -61,11 +61,11 @@ def find_scenes(
     classes: Sequence[str],
     screen: StageScreen,
 ) -> list[TuningScene]:
-    """The sequences with the model's detections, found once and kept in the source's folder.
+    """The sequences with their detections, found once and kept in the source's folder.
 
     Args:
         truth: the sequences.
-        source: of the detections: a model.
+        source: of the detections.
         classes: whose objects count.
         screen: where progress goes.
 

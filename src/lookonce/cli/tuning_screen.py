@@ -17,7 +17,6 @@ from lookonce.tracking import TrackerConfig
 from lookonce.tuning.ranges import SearchRange, setting_value
 from lookonce.tuning.scoring import Gain, Scorer, objective_value
 from lookonce.tuning.trials import Trial
-from lookonce.video.opening import one_line
 
 __all__ = ["TunedFigures", "print_tuned", "toml_lines"]
 
@@ -112,12 +111,15 @@ def _print_settings(figures: TunedFigures, ranges: Sequence[SearchRange], shares
     Console().print(table)
 
 
-def toml_lines(figures: TunedFigures, trials: Sequence[Trial], data: TuningData, model: str, seed: int) -> list[str]:
-    """What the first lines of the file of settings say: where they come from."""
+def toml_lines(
+    figures: TunedFigures, trials: Sequence[Trial], data: TuningData, found_by: str, seed: int, has_descriptors: bool
+) -> list[str]:
+    """What the first lines of the file of settings say: where they come from; ``found_by``: whose detections."""
     best = max(range(len(trials)), key=lambda number: trials[number].score)
     name, (before, after) = figures.objective.upper(), figures.searched
+    fits = ["match_threshold fits the descriptors of this model only."] if has_descriptors else []
     return [
-        f"Found by `lookonce tune` with {one_line(model)}: {name}, trial {best} of {len(trials)}, seed {seed}.",
+        f"Found by `lookonce tune` with {found_by}: {name}, trial {best} of {len(trials)}, seed {seed}.",
         f"{data.in_words}. Searched: {name} {100 * before:.2f} -> {100 * after:.2f}; {figures.in_words}.",
-        "match_threshold fits the descriptors of this model only.",
+        *fits,
     ]
