@@ -7,8 +7,9 @@ from dataclasses import dataclass
 __all__ = ["Candidate", "Ended", "FrameStory", "RowStory"]
 
 DECISIONS = ("kept", "refound", "new", "waiting", "confirmed", "duplicate", "weak")
-"""kept: seen in the frame before; refound: after a gap; new: a new object; waiting: of one that is not confirmed yet;
-confirmed: now; duplicate: a second box of another row's object; weak: too low a score for a new object."""
+"""kept: seen in the frame before; refound: after a gap; new: a new object; waiting: of one that is not confirmed yet or
+no longer believed; confirmed: now; duplicate: a second box of another row's object; weak: too low a score for a new
+object."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,3 +87,12 @@ def test_numbers_of_rows_and_columns_do_not_matter():
     gains = rng.exponential(1.0, len(rows))
     expected = assign_best(rows, columns, gains).tolist()
     assert assign_best(rows * 3 + 100, columns + 5, gains).tolist() == expected
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(4, 2), (2, 4), (3, 2), (2, 2), (9, 8), (1, 5)])
+def test_of_equally_good_choices_the_lowest_are_taken(rows, columns):
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    places = assign_best(row, column, np.ones(rows * columns))
+    fewer = min(rows, columns)
+    assert sorted(row[places].tolist()) == list(range(fewer))
+    assert sorted(column[places].tolist()) == list(range(fewer))

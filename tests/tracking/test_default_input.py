@@ -151,14 +151,81 @@ def test_labels_may_be_any_number(labels):
     [
         pytest.param([0, 0, 1e-45, 1e-45], id="smallest"),
         pytest.param([1e6, 1e6, 1e6 + 0.0625, 1e6 + 1000], id="thin"),
-        pytest.param([-3e38, -3e38, 3e38, 3e38], id="largest"),
-        pytest.param([3e38, 3e38, 3.1e38, 3.1e38], id="farthest"),
+        pytest.param([-1e7, -1e7, 1e7, 1e7], id="largest"),
+        pytest.param([9e6, 9e6, 9.1e6, 9.1e6], id="farthest"),
     ],
 )
 def test_extreme_boxes_are_tracked_beside_usual_ones(box):
     boxes = np.array([box, [10, 10, 30, 50]], np.float32)
     frame = Detections(boxes, np.full(2, 0.9, np.float32), np.zeros(2, np.int64))
     assert ids_of([frame, frame, NOTHING, frame, frame]) == [[1, 2], [1, 2], [], [1, 2], [1, 2]]
+
+
+@pytest.mark.parametrize("box", [[-3e38, -3e38, 3e38, 3e38], [1e12, 1e12, 1.01e12, 1.01e12]])
+def test_boxes_beyond_any_picture_are_nobody(box, tmp_path):
+    """And make nothing slow: one of them would leave all pairs of a crowd within what rounding takes away."""
+    tracker, usual = Tracker(), [[float(x), 10, x + 20.0, 50] for x in range(0, 4000, 40)]
+    stray, scores = np.array([box, *usual], np.float32), np.full(len(usual) + 1, 0.9, np.float32)
+    frame = Detections(stray, scores, np.zeros(len(stray), np.int64))
+    for number in range(4):
+        ids = tracker.update(frame, number * STEP_S).ids.tolist()
+    assert ids == [NO_ID, *range(1, len(usual) + 1)]
+    tracker.save(tmp_path / "state")
+    assert Tracker.load(tmp_path / "state").update(frame, 4 * STEP_S).ids.tolist() == ids
+
+
+def test_refused_frames_change_nothing():
+    clean, poked = Tracker(), Tracker()
+    rows = np.array([[10, 10, 50, 90, 0.9, 0], [np.nan, 10, 50, 90, 0.9, 0]])
+    for number in range(6):
+        answers = [one.update(rows, number * STEP_S, descriptors=np.eye(2, 8)).tolist() for one in (clean, poked)]
+        assert str(answers[0]) == str(answers[1])
+        with pytest.raises(ValueError, match="expected 8 values as before, got 9"):
+            poked.update(rows, 100.0, descriptors=np.eye(2, 9))
+        assert poked.dropped_rows == clean.dropped_rows == number + 1
+        assert poked.given_back.frames.tolist() == clean.given_back.frames.tolist()
+    assert poked._rule.clock == clean._rule.clock
+
+
+def test_one_weak_stray_box_is_no_border():
+    """Who walks out of what has been seen of the picture has left, whatever nonsense there was once."""
+    left = []
+    for has_stray in (False, True):
+        tracker = Tracker()
+        for number in range(60):
+            standing = [(100.0 * place, 100.0) for place in range(11)]
+            walking = [(900.0 + 30 * number, 300.0)] if number < 12 else []
+            stray = [(1e6, 1e6)] if has_stray and number == 3 else []
+            scores = [0.9] * (len(standing) + len(walking)) + [0.15] * len(stray)
+            tracker.update(seen(*standing, *walking, *stray, scores=scores), number * 0.04)
+        left.append(tracker._rule.objects.ids.tolist())
+    assert left[0] == left[1] == list(range(1, 12))
+
+
+def test_seen_in_the_frame_before_means_that_frame():
+    """A step a hundred times as long as the one before makes nobody seen who was missed."""
+    found = []
+    for gap_s in (3.5, 3.99, 4.0, 6.0):
+        tracker = Tracker()
+        times = [0.04 * number for number in range(11)]
+        for time_s in times[:-1]:
+            tracker.update(seen((100, 100)), time_s)
+        tracker.update(seen(), times[-1])
+        for time_s in (times[-1] + gap_s, times[-1] + gap_s + 0.04):
+            ids = tracker.update(seen((400, 100)), time_s).ids.tolist()
+        found.append(ids)
+    assert found == [[2]] * 4
+
+
+def test_of_equal_boxes_the_order_of_rows_does_not_choose():
+    """Two boxes of one object with the same score, as from a detector without scores."""
+    boxes = np.array([[10, 10, 50, 90], [16, 10, 56, 90]], np.float32)
+    for order in ([0, 1], [1, 0]):
+        tracker = Tracker()
+        for number in range(4):
+            frame = Detections(boxes[order], np.full(2, 0.9, np.float32), np.zeros(2, np.int64))
+            ids = tracker.update(frame, number * STEP_S).ids
+        assert ids[np.argsort(order)].tolist() == [1, NO_ID]
 
 
 @pytest.mark.parametrize(

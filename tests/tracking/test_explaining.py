@@ -69,6 +69,37 @@ def test_refusals_name_the_gate() -> None:
     assert all("has to overlap" in refused for refused in by_id.values())
 
 
+def test_who_is_not_believed_any_more_keeps_the_id_in_the_story() -> None:
+    tracker = Tracker(explain=True)
+    for number in range(60):
+        tracker.update(boxes((100, 100, 0.9)), number / 10)
+    for number in range(60, 120):
+        tracks = tracker.update(boxes((100, 100, 0.25)), number / 10)
+        if tracks.ids[0] == -1:
+            break
+    (row,) = tracks.story.rows
+    assert row.decision == "waiting"
+    assert "continues id 1, which is not believed any more" in row.reason
+
+
+def test_a_weak_row_on_whom_nobody_has_seen_lately_is_refused_by_name() -> None:
+    tracker = Tracker(explain=True)
+    for number in range(10):
+        tracker.update(boxes((100, 100, 0.9)), number / 10)
+    for number in range(10, 42):
+        tracker.update(boxes(), number / 10)
+    (row,) = tracker.update(boxes((100, 100, 0.3)), 4.2).story.rows
+    assert row.candidates[0].refused == "a score of 0.30 is too weak for whom nobody has seen for 2 s"
+
+
+def test_who_was_missed_once_is_refound_whatever_the_steps() -> None:
+    tracker = Tracker(explain=True)
+    for number in range(5):
+        tracker.update(boxes((100, 100, 0.9)), number * 0.04)
+    tracker.update(boxes(), 0.2)
+    assert decisions(tracker, boxes((100, 100, 0.9)), 0.3) == ["refound"]
+
+
 def test_explaining_changes_nothing_and_every_row_has_a_story() -> None:
     quiet, loud = Tracker(), Tracker(explain=True)
     for number, detections in enumerate(crowd(30)):

@@ -376,6 +376,12 @@ def test_doubt_has_a_bound():
         MotionConfig(doubt=21)
 
 
+@pytest.mark.parametrize("name", ["place_noise", "size_noise", "growth_noise"])
+def test_noise_that_is_lost_in_rounding_is_refused(name):
+    with pytest.raises(ConfigError, match=f"{name}=1e-170: expected at least 1e-06"):
+        MotionConfig(**{name: 1e-170})
+
+
 def test_noise_of_scores_has_a_bound():
     with pytest.raises(ConfigError, match="score_noise=2: expected below 2"):
         MotionConfig(score_noise=2)

@@ -134,7 +134,7 @@ def test_other_kinds_are_type_errors():
             Tracker("paper").update(other)
 
 
-@pytest.mark.parametrize("time_s", [float("nan"), float("inf")])
+@pytest.mark.parametrize("time_s", [float("nan"), float("inf"), -1e308])
 def test_time_must_be_finite(time_s):
     with pytest.raises(ValueError, match="time_s: expected finite seconds"):
         Tracker("paper").update(make_detections(at_angle(0)), time_s=time_s)

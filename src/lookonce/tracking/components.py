@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,13 +12,14 @@ from lookonce.assignment import components, settle, solve_dense, solve_few, solv
 __all__ = ["assign_best"]
 
 _FEW = 6  # pairs: up to so many all choices are tried
+_TRIFLE = 1e-12  # of the largest gain
 _DENSE = 1 << 16  # entries of a component's matrix; larger ones are solved as sparse
 
 
 def assign_best(rows: NDArray[np.int64], columns: NDArray[np.int64], gains: NDArray[np.float64]) -> NDArray[np.int64]:
     """The pairs that together gain the most, each row and column at most once.
 
-    Equal input gives equal output; of equally good choices one is taken by the order of the pairs.
+    Of equally good choices that of the first rows is taken, then of the first columns.
 
     Args:
         rows: (P,) int64, in rising order.
@@ -31,7 +34,10 @@ def assign_best(rows: NDArray[np.int64], columns: NDArray[np.int64], gains: NDAr
     settled, still_open = settle(rows, columns, gains, 0.0)
     if not len(still_open):
         return settled
-    chosen = [settled]
+    chosen, trifle = [settled], _TRIFLE * float(gains.max())
+    # Earlier pairs count a trifle more: a convex function of the place, so that the first pair and the last together
+    # have more than two between them.
+    gains = gains + trifle * (math.sqrt(len(rows)) - np.sqrt(np.arange(len(rows))))
     for part in components(rows[still_open], columns[still_open]):
         pairs = still_open[part]
         chosen.append(pairs[_solve(rows[pairs], columns[pairs], gains[pairs])])

@@ -17,8 +17,9 @@ from lookonce.distances import COARSE, quantize
 from lookonce.stories import Ended
 from lookonce.structures import NO_ID, Detections, Filled, GivenBack, Tracks
 from lookonce.tracking.alone import pairs_alone
+from lookonce.tracking.border import Border
 from lookonce.tracking.candidates import TOUCHING, Frame, Pairs, find_pairs
-from lookonce.tracking.clock import LEAST_STEP_S, Clock
+from lookonce.tracking.clock import Clock
 from lookonce.tracking.components import assign_best
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.doubt import clean_rows, own_shares
@@ -33,8 +34,6 @@ from lookonce.tracking.waiting import Waiting, WaitingRow
 
 __all__ = ["DefaultRule"]
 
-_BORDERS = 10  # objects: where so many have been says where the picture ends
-_FAR_OUT = 5.0  # pictures beyond the border: so far no camera turns and comes back
 _FAR = 4.0  # distance, more than two descriptors can have
 
 
@@ -49,7 +48,7 @@ class DefaultRule:
         self.next_id = 1
         self.next_serial = 0
         self.clock = Clock()
-        self.extent = np.array([np.inf, np.inf, -np.inf, -np.inf])
+        self.border = Border()
         self.moving = MovingScores()
         self.own_boxes = OwnBoxes(config)
         self.jolt_speed = np.zeros(2)  # px / s of the picture, if it jumped in the frame before
@@ -82,13 +81,15 @@ class DefaultRule:
         Raises:
             ValueError: descriptors of another length than before.
         """
+        descriptors = self._descriptors_of(detections)  # refuses before anything changes
         self._ended.clear()
+        before_s = self.clock.now_s
         step_s = self.clock.advance(time_s, self.config.frame_rate)
         self._numbers, self._frame_number = numbers, self.clock.frame if frame_number is None else frame_number
-        self._predict(step_s, camera)
-        frame = self._look_at(detections, size)
+        self._predict(step_s, before_s, camera)
+        frame = self._look_at(detections, descriptors, size)
         unseen_s = self.clock.now_s - self.objects.seen_s
-        self._was_seen = unseen_s <= 1.01 * step_s
+        self._was_seen = self.objects.seen_s >= before_s
         pairs = self._find_pairs(frame, unseen_s, step_s)
         self._is_recent = unseen_s <= 1.01 * step_s + self.config.recent_s
         is_known = self.objects.ids != NO_ID
@@ -100,8 +101,10 @@ class DefaultRule:
         slots = self.objects.slots[seen]
         if self.config.motion.doubt > 0:
             frame.shares = own_shares(frame, pairs, is_known & self._is_recent)
-        notes = self._note(frame, pairs, unseen_s, step_s) if self.explains else None
+        notes = self._note(frame, pairs, unseen_s) if self.explains else None
         filled = self._see(frame, rows, seen, unseen_s)
+        if size is None:
+            self.border.widen(frame.xyxy, rows)
         self.own_boxes.end_frame(self._frame_number, self.clock.now_s)
         ids, labels, given_back = self._answer(frame, rows, seen)
         unseen_ids, unseen_boxes = self._end(pairs, unseen_s, step_s, size)
@@ -122,7 +125,7 @@ class DefaultRule:
             story=None if notes is None else tell(notes, ids, new, tuple(self._ended), self.config),
         )
 
-    def _note(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64], step_s: float) -> Notes:
+    def _note(self, frame: Frame, pairs: Pairs, unseen_s: NDArray[np.float64]) -> Notes:
         """What the story of the frame needs, before anything changes."""
         objects, gains, distances = self.objects, pairs.gains, np.full(len(pairs.gains), np.nan)
         if frame.looks is not None:
@@ -130,7 +133,8 @@ class DefaultRule:
             gains = gains + self._likeness(distances)
         else:
             gains = gains + self.config.appearance_absent
-        return Notes(frame, pairs, distances, gains, objects.ids.copy(), objects.serials, unseen_s, step_s)
+        lately = self._was_seen, self._is_recent
+        return Notes(frame, pairs, distances, gains, objects.ids.copy(), unseen_s, *lately)
 
     def _likeness(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
         """What distances of descriptors add to the gains."""
@@ -140,8 +144,8 @@ class DefaultRule:
         likeness[distance == np.inf] = self.config.appearance_absent
         return likeness
 
-    def _predict(self, step_s: float, camera: NDArray[np.float64] | None) -> None:
-        """Where the objects are now; those that a gap outlived are gone."""
+    def _predict(self, step_s: float, before_s: float, camera: NDArray[np.float64] | None) -> None:
+        """Where the objects are now, after the frame at ``before_s``; those that a gap outlived are gone."""
         unseen_s = self.clock.now_s - self.objects.seen_s
         gone = unseen_s > self.config.memory_s
         if np.count_nonzero(gone):
@@ -150,25 +154,28 @@ class DefaultRule:
                 self._note_ends(gone, [nothing or f"not seen for {unseen:.1f} s" for unseen in unseen_s])
             self._forget(gone)
         objects = self.objects
-        is_unseen = objects.seen_s < self.clock.now_s - step_s - LEAST_STEP_S / 2
-        objects.motions.predict_(step_s, is_unseen, self.config.motion)
+        objects.motions.predict_(step_s, objects.seen_s < before_s, self.config.motion)
         if camera is not None:
             objects.move_camera_(camera)
 
-    def _look_at(self, detections: Detections, size: tuple[int, int] | None) -> Frame:
+    def _descriptors_of(self, detections: Detections) -> NDArray[np.float32] | None:
+        """Those that are used, if any; raises for another length than before."""
+        descriptors = detections.descriptors
+        if not self.config.appearance or descriptors is None or not descriptors.shape[1]:
+            return None
+        self.looks.check_size(descriptors.shape[1])
+        return descriptors
+
+    def _look_at(
+        self, detections: Detections, descriptors: NDArray[np.float32] | None, size: tuple[int, int] | None
+    ) -> Frame:
         config = self.config
         scores, columns = detections.scores.astype(np.float64), np.array(detections.xyxy.T, np.float64, order="C")
-        looks = None
-        if config.appearance and detections.descriptors is not None and detections.descriptors.shape[1]:
-            self.looks.check_size(detections.descriptors.shape[1])
-            looks = quantize(detections.descriptors, COARSE)
+        looks = None if descriptors is None else quantize(descriptors, COARSE)
         overlaps, is_usable = usable_rows(columns.T, scores, looks, config)
-        usable_count = np.count_nonzero(is_usable)
-        if usable_count:
-            usable = columns if usable_count == len(scores) else columns[:, is_usable]
-            low, high = self.extent[:2], self.extent[2:]
-            np.minimum(low, usable[:2].min(axis=1), out=low)
-            np.maximum(high, usable[2:].max(axis=1), out=high)
+        is_high = is_usable & (scores >= config.high_score)
+        if size is None:
+            self.border.widen(columns.T, is_high.nonzero()[0])
         return Frame(
             columns.T,
             box_states(columns.T),
@@ -176,9 +183,9 @@ class DefaultRule:
             detections.labels,
             looks,
             is_usable,
-            is_usable & (scores >= config.high_score),
+            is_high,
             overlaps,
-            self._border(size),
+            self.border.xyxy(size),
             np.full(len(scores), -1),
             np.zeros(len(scores), np.bool_),
             np.zeros(len(scores), np.bool_),
@@ -338,7 +345,7 @@ class DefaultRule:
         """
         objects, config = self.objects, self.config
         is_over = ~objects.is_real & (unseen_s > max(config.tentative_s, 1.01 * step_s))
-        is_outside = self._are_outside(size)
+        is_outside = self.border.are_outside(self.objects, size, self.next_id)
         is_over |= is_outside & (unseen_s > config.leave_s)
         is_over &= ~pairs.is_taken
         stay = ((objects.ids != NO_ID) & ~(pairs.is_taken | is_over)).nonzero()[0]
@@ -351,26 +358,6 @@ class DefaultRule:
             self._note_ends(is_over, [left if one else then for one, then in zip(is_outside, times, strict=True)])
         self._forget(is_over)
         return unseen
-
-    def _are_outside(self, size: tuple[int, int] | None) -> NDArray[np.bool_]:
-        """(P,) bool: objects that are believed to have gone beyond the picture's border, not the camera from them."""
-        if size is None and self.next_id <= _BORDERS:
-            return np.zeros(len(self.objects), np.bool_)
-        left, top, right, bottom = self._border(size)
-        x, y = self.objects.motions.values[0], self.objects.motions.values[1]
-        is_outside: NDArray[np.bool_] = (x < left) | (x > right) | (y < top) | (y > bottom)
-        if np.count_nonzero(is_outside):
-            left_behind = self.objects.left_behind
-            left_behind[is_outside & self.objects.are_carried()] = 1.0
-            far = _FAR_OUT * max(right - left, bottom - top)
-            is_far = (x < left - far) | (x > right + far) | (y < top - far) | (y > bottom + far)
-            is_outside &= (left_behind == 0) | is_far
-        return is_outside
-
-    def _border(self, size: tuple[int, int] | None) -> tuple[float, float, float, float]:
-        """The picture as xyxy, or where boxes have been."""
-        left, top, right, bottom = self.extent.tolist() if size is None else (0.0, 0.0, size[1], size[0])
-        return left, top, right, bottom
 
     def _note_ends(self, is_over: NDArray[np.bool_], reasons: list[str]) -> None:
         """Remember, for the story, which identities end and why; ``reasons`` (P,)."""
@@ -389,8 +376,9 @@ class DefaultRule:
         if not np.count_nonzero(is_wanted):
             return np.zeros(0, np.intp)
         twins = frame.overlaps.above(self.config.duplicate_overlap)
-        rows = keep_best(twins, best_first(frame.scores, frame.looks), is_wanted, ~is_free).nonzero()[0]
-        rows = rows[np.argsort(-frame.scores[rows], kind="stable")]  # ids do not depend on the order of rows
+        key = best_first(frame.xyxy, frame.scores, frame.looks)
+        rows = keep_best(twins, key, is_wanted, ~is_free).nonzero()[0]
+        rows = rows[np.argsort(-frame.scores[rows], kind="stable")]  # ids by score; of equal ones in the order of rows
         serials = np.arange(self.next_serial, self.next_serial + len(rows))
         self.next_serial += len(rows)
         rest = frame.labels[rows], frame.scores[rows], frame.states[rows], self.clock.now_s, self.config.motion

@@ -45,7 +45,8 @@ class DefaultConfig:
             logarithm: the object could be anywhere, and so could the others.
         class_penalty: what another class takes from the logarithm of the likelihood ratio.
         memory_s: an object is kept so long after it was last seen, s.
-        tentative_s: one that is not confirmed, s; at least for one frame.
+        tentative_s: one that is not confirmed, or not believed any more because its scores have fallen, s; at least for
+            one frame.
         leave_s: one that is believed to have gone out of the picture, s; not one that the camera has moved farther.
         views: how many different descriptors of an object are kept, besides the median of the last three.
         view_apart: they differ by so much, distance.

@@ -28,9 +28,9 @@ class Notes:
         distances: (K,) float64, of the descriptors; infinite where one has none, NaN without appearance.
         gains: (K,) float64, of the pairs, with appearance.
         ids: (P,) int64, of the objects before the frame.
-        serials: (P,) int64.
         unseen_s: (P,) float64, since when each had not been seen.
-        step_s: since the frame before, s.
+        was_seen: (P,) bool, in the frame before.
+        is_recent: (P,) bool, then or lately.
     """
 
     frame: Frame
@@ -38,9 +38,9 @@ class Notes:
     distances: NDArray[np.float64]
     gains: NDArray[np.float64]
     ids: NDArray[np.int64]
-    serials: NDArray[np.int64]
     unseen_s: NDArray[np.float64]
-    step_s: float
+    was_seen: NDArray[np.bool_]
+    is_recent: NDArray[np.bool_]
 
 
 def tell(
@@ -96,11 +96,13 @@ def _decision(
     score = float(notes.frame.scores[row])
     if taken >= 0:
         unseen_s = float(notes.unseen_s[taken])
-        if identity == NO_ID:
+        if identity == NO_ID and notes.ids[taken] == NO_ID:
             return "waiting", "continues an object that is not confirmed yet"
+        if identity == NO_ID:
+            return "waiting", f"continues id {notes.ids[taken]}, which is not believed any more: its scores have fallen"
         if notes.ids[taken] == NO_ID:
             return "confirmed", f"the object is confirmed and gets id {identity}"
-        if unseen_s > 1.5 * notes.step_s:
+        if not notes.was_seen[taken]:
             return "refound", f"id {identity} again after {unseen_s:.2f} s"
         return "kept", f"id {identity} as in the frame before"
     if is_new:
@@ -152,6 +154,8 @@ def _refused(notes: Notes, pair: int, config: DefaultConfig) -> str:
     row, place = int(pairs.rows[pair]), int(pairs.objects[pair])
     if not frame.is_high[row] and pairs.overlap[pair] < config.low_overlap:
         return f"a score of {frame.scores[row]:.2f} has to overlap by {config.low_overlap:g}"
+    if not frame.is_high[row] and notes.ids[place] != NO_ID and not notes.is_recent[place]:
+        return f"a score of {frame.scores[row]:.2f} is too weak for whom nobody has seen for {config.recent_s:g} s"
     if pairs.deviation[pair] > LARGEST_DEVIATION:
         return f"more than {LARGEST_DEVIATION:g} standard deviations from where it was expected"
     if notes.gains[pair] <= 0:

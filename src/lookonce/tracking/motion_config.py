@@ -9,6 +9,7 @@ from lookonce.errors import ConfigError
 
 __all__ = ["MotionConfig"]
 
+_LEAST_NOISE = 1e-6  # with less, variances are lost in rounding
 _MOST_DOUBT = 20.0  # with more, noise has no square any more where many stand in one place
 
 
@@ -68,6 +69,9 @@ class MotionConfig:
         for name in ("jump_share", "turn_share"):
             if getattr(self, name) > 1:
                 raise ConfigError(f"{name}={getattr(self, name)}: expected a share of at most 1")
+        for name in ("place_noise", "size_noise", "growth_noise"):
+            if getattr(self, name) < _LEAST_NOISE:
+                raise ConfigError(f"{name}={getattr(self, name)}: expected at least {_LEAST_NOISE:g}")
         if self.score_noise >= 2:
             raise ConfigError(f"score_noise={self.score_noise}: expected below 2")
         if self.doubt > _MOST_DOUBT:

@@ -16,6 +16,7 @@ from lookonce.tracking.pairs import TooManyPairsError, expanded, near_pairs, unr
 
 __all__ = ["Overlaps", "best_first", "keep_best", "overlaps_of", "thinned", "usable_rows"]
 
+_FARTHEST_PX = 1e7  # as in files of detections
 _MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
 _MOST_SWEPT = 1 << 20  # pairs of boxes of which one lies over, under or on the other, 50 MB; then a grid finds fewer
 
@@ -103,10 +104,18 @@ def thinned(
 
 
 def best_first(
-    scores: NDArray[np.float64], looks: Quantized | None
-) -> Callable[[int], tuple[np.float64, np.bool_ | bool, int]]:
-    """What rows are sorted by: falling ``scores`` (N,); of equal ones those with a descriptor, then in their order."""
-    return lambda row: (-scores[row], looks is not None and looks.squared_lengths[row] == 0, row)
+    xyxy: NDArray[np.float64], scores: NDArray[np.float64], looks: Quantized | None
+) -> Callable[[int], tuple[float, bool, list[float], int]]:
+    """What rows are sorted by: falling ``scores`` (N,); of equal ones those with a descriptor; then by their boxes.
+
+    So the order of rows makes a difference only between boxes ``xyxy`` (N, 4) that are the same.
+    """
+    return lambda row: (
+        -float(scores[row]),
+        looks is not None and bool(looks.squared_lengths[row] == 0),
+        xyxy[row].tolist(),
+        row,
+    )
 
 
 def keep_best(
@@ -139,16 +148,21 @@ def keep_best(
 def usable_rows(
     xyxy: NDArray[np.float64], scores: NDArray[np.float64], looks: Quantized | None, config: DefaultConfig
 ) -> tuple[Overlaps, NDArray[np.bool_]]:
-    """The boxes (N, 4) that overlap, and which rows are neither too weak nor second boxes of one object (N,)."""
+    """The boxes (N, 4) that overlap, and which rows are neither too weak nor second boxes of one object (N,).
+
+    Rows far out are of no use either: no picture reaches there, and one of them would make sums and grids worthless.
+    """
     is_wanted = scores >= config.low_score
+    if np.abs(xyxy).max(initial=0.0) > _FARTHEST_PX:
+        is_wanted &= (np.abs(xyxy) <= _FARTHEST_PX).all(axis=1)
     least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
     try:
         overlaps = overlaps_of(xyxy, least, _MOST_PAIRS)
     except TooManyPairsError:  # then only those that stay are looked at
-        order = np.array(sorted(range(len(scores)), key=best_first(scores, looks)))
+        order = np.array(sorted(range(len(scores)), key=best_first(xyxy, scores, looks)))
         is_usable = thinned(xyxy, order, is_wanted, config.same_overlap)
         rows = np.flatnonzero(is_usable)
         among = overlaps_of(xyxy[rows], least)
         return Overlaps(rows[among.a], rows[among.b], among.overlap), is_usable
     twins = overlaps.above(config.same_overlap)
-    return overlaps, keep_best(twins, best_first(scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))
+    return overlaps, keep_best(twins, best_first(xyxy, scores, looks), is_wanted, np.zeros(len(xyxy), np.bool_))

@@ -143,7 +143,7 @@ def _of_default(rule: DefaultRule) -> dict[str, NDArray[Any]]:
     objects, looks, slots = rule.objects, rule.looks, rule.objects.slots
     moving = np.array([rule.moving.count, rule.moving.mean, rule.moving.squares])
     arrays: dict[str, NDArray[Any]] = {
-        "extent": rule.extent,
+        "extent": rule.border.extent,
         "moving": moving,
         "steadying": rule.own_boxes.steadying.state(),
         "jolt_speed": rule.jolt_speed,
@@ -185,7 +185,7 @@ def _default(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> DefaultR
     known = arrays["ids"][arrays["ids"] != NO_ID]
     if len(np.unique(known)) < len(known) or (known < 1).any() or (known >= rule.next_id).any():
         raise ValueError("ids: expected each once, from those that were given out")
-    rule.extent = arrays["extent"]
+    rule.border.extent = arrays["extent"]
     rule.moving.count, rule.moving.mean, rule.moving.squares = arrays["moving"].tolist()
     rule.own_boxes.steadying.restore(arrays["steadying"])
     rule.jolt_speed = arrays["jolt_speed"]

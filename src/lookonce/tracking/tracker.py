@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -30,6 +29,8 @@ __all__ = ["PRESETS", "Tracker", "TrackerConfig"]
 TrackerConfig = DefaultConfig | PaperConfig
 PRESETS: dict[str, Callable[[], TrackerConfig]] = {"default": DefaultConfig, "iou": iou_config, "paper": PaperConfig}
 """What makes the settings of each preset."""
+
+_LATEST_S = 1e20  # beyond, a state could not be kept
 
 
 class Tracker:
@@ -139,13 +140,14 @@ class Tracker:
 
         Raises:
             ValueError: wrong shapes, no descriptors where the preset needs them, descriptors of another length than
-                before, a time that is not finite, a camera's motion that cannot be undone, or a size that is none.
+                before, a time that is not finite or beyond 1e20 s, a camera's motion that cannot be undone, or a size
+                that is none.
             TypeError: the detections are none of the three forms.
         """
         if time_s is not None:
             time_s = float(time_s)  # of NumPy's, too
-            if not math.isfinite(time_s):
-                raise ValueError(f"time_s: expected finite seconds, got {time_s}")
+            if not abs(time_s) <= _LATEST_S:
+                raise ValueError(f"time_s: expected finite seconds, at most {_LATEST_S:g} from 0, got {time_s}")
         if camera is not None:
             check_array("camera", camera, (2, 3), np.float64)
             check_cameras("camera", camera[np.newaxis])
@@ -195,8 +197,8 @@ class Tracker:
         size: tuple[int, int] | None,
         frame: int | None,
     ) -> NDArray[np.int64]:
-        self.dropped_rows += int(np.count_nonzero(~checked.is_good))
         tracks = self._identify(checked.detections, time_s, camera, size, frame, np.flatnonzero(checked.is_good))
+        self.dropped_rows += int(np.count_nonzero(~checked.is_good))
         return checked.spread(tracks.ids)
 
     def _identify(
