@@ -84,6 +84,30 @@ def test_gaps_and_better_rivals_are_told(tmp_path: Path) -> None:
     ]
 
 
+def test_the_story_says_why_an_identity_began_and_who_else_came_near(tmp_path: Path) -> None:
+    """Two detections beside each other, one of which is object 1 as before; the other one is a new object."""
+    own = {"id": 1, "decision": "kept", "reason": "id 1 as before", "candidates": [{"id": 1, "cost": -4.8}]}
+    refused = {"id": 1, "cost": -4.7, "refused": "taken by row 0"}
+    new = {"id": None, "decision": "new", "reason": "no known object fits", "candidates": [refused]}
+    confirmed = {"id": 2, "decision": "confirmed", "reason": "gets id 2", "candidates": [{"id": 2, "cost": -6}]}
+    records = [
+        {"format": "lookonce-explain", "format_version": 1},
+        {"frame": 20, "rows": [own, new]},
+        {"frame": 21, "rows": [confirmed], "given_back": [{"frame": 20, "row": 1, "id": 2}]},
+    ]
+    (tmp_path / "explain.jsonl").write_text("\n".join(map(json.dumps, records)))
+    assert lookonce("explain", tmp_path, "--id", 2).stdout.splitlines() == [
+        "id 2: 2 detections from frame 20 to frame 21.",
+        "  frame 20: new, no known object fits; not id 1: taken by row 0.",
+        "  frame 21: confirmed, gets id 2; the id goes back to frame 20.",
+    ]
+    assert (
+        "  frame 20: in doubt, row 1 fitted only 0.1 worse; id 1 as before."
+        in lookonce("explain", tmp_path, "--id", 1).stdout.splitlines()
+    )
+    assert "id 1: in doubt or refound in 1 frames" in lookonce("explain", tmp_path).stdout
+
+
 def test_a_frame_has_its_decisions(explained: Path) -> None:
     told = lookonce("explain", explained, "--frame", 0).stdout.splitlines()
     assert told[0] == "frame 0 (0.00 s): 3 detections"

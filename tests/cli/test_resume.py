@@ -64,6 +64,8 @@ def test_after_ctrl_c_the_rest_gives_the_same_bytes(long_clip, square_model, unb
     assert kept is not None
     assert kept.frame == json.loads(results.read_text().splitlines()[-1])["frame"] < FRAMES - 1
     assert_one_line(lookonce(*command), 1, "--resume goes on, --overwrite begins again")
+    without = [one for one in command if one != "--explain"]
+    assert_one_line(lookonce(*without, "--resume"), 1, "begun with --explain")
     again = lookonce(*command, "--resume")
     assert again.returncode == 0, again.stderr
     assert f"going on after frame {kept.frame + 1}" in again.stdout

@@ -117,6 +117,8 @@ def test_detections_of_others_score_what_track_and_eval_say(squares, det_file, s
     searched = truth.in_frames(truth.frames < FRAMES // 2)
     assert 0 < trial["score"] == evaluate_tracking(searched, result).hota.hota
     found = (tmp_path / "out" / "tuned.toml").read_text()
+    with_them = ["track", "--source", squares, *given, "--tracker", tmp_path / "out" / "tuned.toml", "--no-video"]
+    assert CliRunner().invoke(app, [*map(str, with_them), "-o", str(tmp_path / "u")]).exit_code == 0
     assert "with det.txt" in found
     assert ("match_threshold fits" in found) == described
 

@@ -35,7 +35,12 @@ def test_everything_is_read(tmp_path: Path):
         {"frame": 13, "rows": [], "ended": [{"id": 5}]},
         {
             "frame": 14,
-            "given_back": [{"frame": 9, "id": 8}, {"frame": 7, "id": 8}, {"frame": 7, "id": 6}, {"frame": 3}],
+            "given_back": [
+                {"frame": 12, "row": 0, "id": 8},
+                {"frame": 7, "row": 0, "id": 8},
+                {"frame": 12, "row": 99, "id": 6},
+                {"frame": 3},
+            ],
             "filled": [{"frame": 12, "id": 7}],
         },
     )
@@ -53,7 +58,8 @@ def test_everything_is_read(tmp_path: Path):
     assert found.ending(5, 0, 20) == Ending(13, "")
     assert found.ending(5, 14, 20) is None
     assert found.counts() == {"refound": 1, "not said": 1}
-    assert found.given_back == {(14, 8): (7, 9), (14, 6): (7,)}
+    assert found.given_back == {(14, 8): (7, 12), (14, 6): (12,)}
+    assert found.begun == {8: (12, row)}
     assert found.filled == {(14, 7): (12,)}
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pytest
+
+from lookonce.errors import ConfigError
 from lookonce.structures import NO_ID, Detections
-from lookonce.tracking import Tracker
+from lookonce.tracking import DefaultConfig, Tracker
 from tracking.moving import STEP_S, ids_of, seen
 from tracking.scenes import at_angle
 
@@ -39,3 +42,9 @@ def test_doubtful_box_does_not_continue_an_object_elsewhere():
     for score, expected in ((0.35, NO_ID), (0.45, 1)):
         elsewhere = seen((121, 100), scores=score, looks=[ONE])
         assert ids_of([*before, *nothing, elsewhere])[-1] == [expected]
+
+
+@pytest.mark.parametrize("name", ["low_score", "birth_score", "high_score", "same_overlap", "hidden_overlap"])
+def test_shares_beyond_one_are_refused(name):
+    with pytest.raises(ConfigError, match=f"{name}=40: expected 0 to 1"):
+        DefaultConfig(**{name: 40})

@@ -77,7 +77,8 @@ def _tell_identity(told: Explanation, path: Path, identity: int, most: int) -> N
     gaps = f", missed and filled in {len(filled)} frames between" if filled else ""
     count = len(rows) + len(given_back)
     print(f"id {identity}: {count} detections from {_when(told, first)} to {_when(told, last)}{gaps}.")
-    moments = [(frame, text) for frame, row in rows if (text := _moment(told, frame, row))]
+    moments = [_birth(*told.begun[identity])] if identity in told.begun else []
+    moments += [(frame, text) for frame, row in rows if (text := _moment(told, frame, row))]
     for frame, text in moments[:most]:
         print(f"  {_when(told, frame)}: {text}.")
     if len(moments) > most:
@@ -88,17 +89,39 @@ def _tell_identity(told: Explanation, path: Path, identity: int, most: int) -> N
         print("  Never in doubt: in each frame one detection fitted, and no other object came near it.")
 
 
+def _birth(frame: int, row: ExplainedRow) -> tuple[int, str]:
+    """What became of its first detection, and why it was nobody's who was known."""
+    others = [f"not id {one.id}: {one.refused}" for one in row.candidates if one.refused]
+    return frame, "; ".join([f"{row.decision}, {row.reason}", *others])
+
+
 def _moment(told: Explanation, frame: int, row: ExplainedRow) -> str:
     """What is worth telling of a row; empty where it went on as before without a rival."""
-    doubt = _doubt(row)
-    if row.decision == "kept":
-        return f"{doubt}; {row.reason}" if doubt else ""
-    parts = [f"{row.decision}, {row.reason}", doubt]
+    parts = [_doubt(row), _contender(told, frame, row)]
     if row.id is not None and (given_back := told.given_back.get((frame, row.id))):
         parts.append(f"the id goes back to {_frames(given_back)}")
     if row.id is not None and (filled := told.filled.get((frame, row.id))):
         parts.append(f"boxes filled in for {_frames(filled)}")
-    return "; ".join(filter(None, parts))
+    if row.decision == "kept":
+        return "; ".join([*filter(None, parts), row.reason]) if any(parts) else ""
+    return "; ".join(filter(None, [f"{row.decision}, {row.reason}", *parts]))
+
+
+def _contender(told: Explanation, frame: int, row: ExplainedRow) -> str:
+    """Which other detection may be the identity's; empty if none comes near."""
+    if not row.candidates or (own := row.candidates[0].cost) is None:
+        return ""
+    near = [
+        (one.cost - own, number)
+        for number, other in enumerate(told.rows[frame])
+        for one in other.candidates
+        if other is not row and one.id == row.id and one.refused.startswith(_TAKEN) and one.cost is not None
+    ]
+    worse, number = min(near, default=(_DOUBT, 0))
+    if worse >= _DOUBT:
+        return ""
+    how = f"only {worse:.1f} worse" if worse >= 0 else f"{-worse:.1f} better, but not for all together"
+    return f"in doubt, row {number} fitted {how}"
 
 
 def _frames(frames: tuple[int, ...]) -> str:
@@ -132,7 +155,7 @@ def _tell_doubts(told: Explanation, most: int) -> None:
     doubts: dict[int, list[int]] = {}
     for frame in sorted(told.rows):
         for row in told.rows[frame]:
-            if row.id is not None and (row.decision == "refound" or _rival(row)):
+            if row.id is not None and (row.decision == "refound" or _rival(row) or _contender(told, frame, row)):
                 doubts.setdefault(row.id, []).append(frame)
     counts = ", ".join(f"{count} {name}" for name, count in told.counts().items())
     print(f"{len(told.rows)} frames, {_span(told)}: {counts}")

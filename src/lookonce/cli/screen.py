@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -12,22 +13,26 @@ from rich.table import Table
 from rich.text import Text
 
 from lookonce.pipeline import StageTimes, TrackedFrame
-from lookonce.structures import NO_ID
+from lookonce.structures import class_name
 from lookonce.video import VideoSource
+from lookonce.video.opening import one_line
 
 __all__ = ["RunScreen"]
 
 _LINE_EVERY_S = 30.0
+_MOST_CLASSES = 12
 
 
 class RunScreen:
     """One run: progress on stderr, the closing table on stdout."""
 
-    def __init__(self, video: VideoSource, times: StageTimes, described: str = "") -> None:
+    def __init__(self, video: VideoSource, times: StageTimes, described: str = "", names: Sequence[str] = ()) -> None:
         self.video = video
         self.described = described  # where descriptors come from, if not with the boxes
         self.times = times
-        self.identities = 0
+        self.names = names  # of classes, by label
+        self.identities = 0  # so many so far: the highest
+        self._classes: Counter[int] = Counter()  # of these, each as it was when confirmed
         self.seconds = 0.0
         self.passed_over = 0  # frames that an earlier run has tracked
         self.last_index: int | None = None  # of the last frame that was tracked, from 0
@@ -67,7 +72,19 @@ class RunScreen:
 
     def _count(self, frame: TrackedFrame) -> None:
         self.last_index = frame.index
-        self.identities = max(self.identities, int(frame.tracks.ids.max(initial=NO_ID)))
+        new = frame.tracks.ids > self.identities
+        if new.any():
+            self._classes.update(frame.tracks.labels[new].tolist())
+            self.identities = int(frame.tracks.ids.max())
+
+    def _identities(self) -> str:
+        """How many, and of which classes, such as ``59: 57 car, 2 truck``; of the rest of a run only how many."""
+        if len(self.names) < 2 or not self._classes or self.passed_over:
+            return str(self.identities)
+        found = [
+            f"{count} {class_name(self.names, label)}" for label, count in self._classes.most_common(_MOST_CLASSES)
+        ]
+        return f"{self.identities}: {one_line(', '.join(found))}"
 
     def print_summary(self, files: list[Path]) -> None:
         """One table: frames, frames a second of each stage, identities, files."""
@@ -83,7 +100,7 @@ class RunScreen:
                 table.add_row(stage, f"{side_by_side / each:.1f} fps ({each * 1000:.2f} ms a frame{note})")
         if self.described:
             table.add_row("descriptors", Text(self.described))
-        table.add_row("identities", str(self.identities))
+        table.add_row("identities", Text(self._identities()))
         for path in files:
             table.add_row("written", Text(str(path)))
         Console().print(table)

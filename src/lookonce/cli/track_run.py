@@ -148,7 +148,8 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
         checkpoint = CheckpointSink(folder, states, lambda: _sizes(sinks))
         if not video.is_live:
             stack.enter_context(checkpoint)
-        screen, kept = RunScreen(video, StageTimes(), _described(detector)), () if video.is_live else (checkpoint,)
+        screen = RunScreen(video, StageTimes(), _described(detector), detector.names)
+        kept = () if video.is_live else (checkpoint,)
         screen.passed_over = start.after + 1 if start.after >= 0 else 0
         try:
             screen.follow(
@@ -207,6 +208,8 @@ def _start(folder: Path, options: RunOptions, header: dict[str, object], video: 
     checkpoint = read_checkpoint(folder) if options.resume else None
     if checkpoint is not None and checkpoint.frame >= 0:
         _refuse_other_settings(folder / _JSON_FILE, header)
+        if _EXPLAIN_FILE in checkpoint.sizes and not options.explain:
+            raise ConfigError(f"{folder}: the run was begun with --explain; give it again, or --overwrite")
         return _Start(checkpoint.frame, dict(checkpoint.sizes), checkpoint.states)
     overwrite = options.overwrite or checkpoint is not None
     if has_results and not overwrite:

@@ -38,9 +38,10 @@ _EXAMPLES = """
 """
 
 _Source = Annotated[
-    str,
+    str | None,
     typer.Argument(metavar="SOURCE", help="Video file, image folder, glob, camera (0) or URL.", show_default=False),
 ]
+_Named = Annotated[str | None, typer.Option("--source", help="The same as SOURCE.", show_default=False)]
 _Model = Annotated[
     str | None,
     typer.Option(
@@ -94,7 +95,8 @@ _Threads = Annotated[int | None, typer.Option(help="Threads for one inference.",
 
 
 def track_command(
-    source: _Source,
+    source: _Source = None,
+    named_source: _Named = None,
     model: _Model = None,
     detections: _Detections = None,
     tracker: _Tracker = "default",
@@ -119,15 +121,18 @@ def track_command(
     """Track the objects of a video: writes tracks.txt (MOT), tracks.jsonl and annotated.mp4."""
     if resume and overwrite:
         raise typer.BadParameter("give --resume or --overwrite, not both", param_hint="--resume")
+    if (source is None) == (named_source is None):
+        raise typer.BadParameter("give one: a video file, image folder, glob, camera or URL", param_hint="SOURCE")
     chosen = choose_tracker(tracker, changes or ())
+    has_descriptors = detections is None or model is not None  # else a file of settings names its threshold in vain
     if score is None and detections is None:
         score = detector_score(chosen.config)
     settings = TrackSettings(
-        source=source,
+        source=source or named_source or "",
         model=model if detections is not None else model or SHIPPED_MODEL,
         detections=None if detections is None else str(detections),
         tracker=tracker,
-        match_threshold=chosen.threshold(match_threshold),
+        match_threshold=chosen.threshold(match_threshold) if has_descriptors else match_threshold,
         classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
         score=score,
         iou=overlap,

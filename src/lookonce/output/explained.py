@@ -27,7 +27,7 @@ class ExplainSink(Sink):
     """Writes a line a frame: every detection with its decision and the objects that it was held against.
 
     Where an identity gets detections of earlier frames, or boxes for frames in which it was missed, ``given_back`` and
-    ``filled`` say which (``frame``, ``id``).
+    ``filled`` say which (``frame``, ``id``, and the ``row`` of the detection).
 
     Args:
         path: the file; an existing one is emptied.
@@ -62,10 +62,14 @@ class ExplainSink(Sink):
                 for row in tracks.story.rows
             ]
             record["ended"] = [{"id": one.id, "why": one.why} for one in tracks.story.ended]
-        for name, earlier in (("given_back", tracks.given_back), ("filled", tracks.filled)):
-            if len(earlier):
-                pairs = zip(earlier.frames.tolist(), earlier.ids.tolist(), strict=True)
-                record[name] = [{"frame": index, "id": identity} for index, identity in pairs]
+        if len(back := tracks.given_back):
+            columns = (back.frames.tolist(), back.rows.tolist(), back.ids.tolist())
+            record["given_back"] = [
+                {"frame": index, "row": row, "id": identity} for index, row, identity in zip(*columns, strict=True)
+            ]
+        if len(filled := tracks.filled):
+            pairs = zip(filled.frames.tolist(), filled.ids.tolist(), strict=True)
+            record["filled"] = [{"frame": index, "id": identity} for index, identity in pairs]
         self._append(record)
 
     def _append(self, record: Mapping[str, object]) -> None:

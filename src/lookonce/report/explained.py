@@ -91,6 +91,7 @@ class Explanation:
         times_s: frame -> time.
         endings: identity -> when it was given up, in order.
         given_back: (frame, identity) -> earlier frames whose detections became its in that frame.
+        begun: identity -> the first of these frames, and what was decided there.
         filled: (frame, identity) -> earlier frames in which it was missed, and which were filled in that frame.
     """
 
@@ -99,6 +100,7 @@ class Explanation:
     endings: Mapping[int, tuple[Ending, ...]] = field(default_factory=dict)
     given_back: Mapping[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)
     filled: Mapping[tuple[int, int], tuple[int, ...]] = field(default_factory=dict)
+    begun: Mapping[int, tuple[int, ExplainedRow]] = field(default_factory=dict)
 
     def of(self, frame: int, identity: int) -> ExplainedRow | None:
         """The row of an identity in a frame."""
@@ -135,12 +137,14 @@ def read_explanation(path: Path) -> Explanation:
     endings: defaultdict[int, list[Ending]] = defaultdict(list)
     given_back: dict[tuple[int, int], tuple[int, ...]] = {}
     filled: dict[tuple[int, int], tuple[int, ...]] = {}
+    begun: dict[int, tuple[int, ExplainedRow]] = {}
     total = 0
     for record in records:
         frame = record.frame()
         if frame in rows:
             raise fault(path, record.line, f"frame {frame} a second time; remove one of the two lines")
         rows[frame] = tuple(_row(one) for one in record.records("rows"))
+        _note_beginnings(begun, record.records("given_back"), rows)
         for found, name in ((given_back, "given_back"), (filled, "filled")):
             of_identity = _earlier(record.records(name))
             found |= {(frame, identity): frames for identity, frames in of_identity.items()}
@@ -154,7 +158,21 @@ def read_explanation(path: Path) -> Explanation:
             if (identity := one.whole("id")) is not None:
                 endings[identity].append(Ending(frame, one.text("why") or ""))
     ended = {identity: tuple(found) for identity, found in endings.items()}
-    return Explanation(rows, times_s, ended, given_back, filled)
+    return Explanation(rows, times_s, ended, given_back, filled, begun)
+
+
+def _note_beginnings(
+    begun: dict[int, tuple[int, ExplainedRow]],
+    given_back: Iterable[Record],
+    rows: Mapping[int, tuple[ExplainedRow, ...]],
+) -> None:
+    """Changes identity -> its first frame and row, where rows given back are earlier."""
+    for one in given_back:
+        identity, row, frame = one.whole("id"), one.whole("row"), one.frame()
+        if identity is None or row is None or row >= len(rows.get(frame, ())):
+            continue
+        if identity not in begun or frame < begun[identity][0]:
+            begun[identity] = frame, rows[frame][row]
 
 
 def _earlier(records: Iterable[Record]) -> dict[int, tuple[int, ...]]:

@@ -12,6 +12,10 @@ from lookonce.tracking.objects import EvidenceConfig
 __all__ = ["DefaultConfig", "iou_config"]
 
 _LEAST_CROWD_BOX = 1e-3
+_SHARES = (
+    *("low_score", "birth_score", "high_score", "low_overlap", "safe_overlap"),
+    *("same_overlap", "duplicate_overlap", "clean_overlap", "hidden_overlap"),
+)
 _MOST_VIEWS = 32  # each takes half a kilobyte of every object at 128 values
 
 
@@ -99,6 +103,9 @@ class DefaultConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, above_zero=("match_threshold", "frame_rate", "crowd_box", "memory_s", "given_back_rows"))
+        for name in _SHARES:
+            if getattr(self, name) > 1:
+                raise ConfigError(f"{name}={getattr(self, name)}: expected 0 to 1")
         if self.crowd_box < _LEAST_CROWD_BOX:
             raise ConfigError(f"crowd_box={self.crowd_box}: expected at least {_LEAST_CROWD_BOX:g}")
         if self.match_threshold > 2:

@@ -21,6 +21,7 @@ _LABELS, _SURPRISE = 3, 11  # where these rows begin
 _SAME_WAY = 0.5  # cosine of the angle between two travels
 _FEWEST_SCORES = 3.0  # in a mean
 _LEAST_S = 1e-3
+_CLEAR = 1.0  # score, as much as one detection can have
 _MOST_VOTES = 10.0  # a class that has been seen for long is outvoted after so much score for another
 
 
@@ -100,7 +101,7 @@ class Objects:
         labels: (P,) int64, the class by vote.
         hits: (P,) int64, how often seen.
         travels: (P,) int64.
-        votes: (P,) float64, how much score the class is ahead.
+        votes: (P,) float64, how much score the class is ahead; below 0 where another is, not clearly yet.
         seen_s: (P,) float64, when last seen.
         score_mean: (P,) float64, of the last ones.
         score_peak: (P,) float64, the highest such mean, fading.
@@ -263,13 +264,15 @@ def _vote_(
 ) -> None:
     """Majority vote after Boyer and Moore, weighted by score: one class is ahead, others take from its lead.
 
+    Another takes over only when it is ahead by ``_CLEAR``, and then has that lead: classes that come in turn do not.
+
     Changes the class (M,) of objects and by how much it is ahead (M,), where ``labels`` (M,) were seen.
     """
     is_other = mine != labels
     if np.count_nonzero(is_other):
         scores = np.where(is_other, -scores, scores)
     votes += scores
-    beaten = (votes < 0).nonzero()[0]
+    beaten = (votes < -_CLEAR).nonzero()[0]
     if len(beaten):
-        mine[beaten] = labels[beaten]
-    np.minimum(np.abs(votes, out=votes), _MOST_VOTES, out=votes)
+        mine[beaten], votes[beaten] = labels[beaten], _CLEAR
+    np.minimum(votes, _MOST_VOTES, out=votes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import logging
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,8 @@ __all__ = [
     "pictures_source",
     "sequence_info",
 ]
+
+log = logging.getLogger(__name__)
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff", ".ppm"})
 _DEFAULT_RATE = 25.0  # frames per second of a folder that names no rate; UA-DETRAC's
@@ -153,11 +156,9 @@ def image_folder(folder: Path, name: str) -> Path:
     return images
 
 
-def _frame_rate(info: dict[str, str]) -> float:
+def _frame_rate(info: dict[str, str]) -> float | None:
     text = info.get("framerate", "")
-    if not re.fullmatch(r"\d+(\.\d+)?", text) or not float(text):
-        return _DEFAULT_RATE
-    return float(text)
+    return float(text) if re.fullmatch(r"\d+(\.\d+)?", text) and float(text) else None
 
 
 def pictures_source(
@@ -175,6 +176,12 @@ def pictures_source(
     Raises:
         VideoError: none of the wanted pictures can be decoded.
     """
+    if rate is None and len(paths) > 1:
+        log.warning(
+            "%s: no frame rate is stated; taken as %g frames a second; say the true one, such as --fps 10",
+            shown,
+            _DEFAULT_RATE,
+        )
     rate = _DEFAULT_RATE if rate is None else rate
     if not 0 < rate < float("inf"):
         raise ConfigError(f"fps: expected frames per second > 0, got {rate}")
