@@ -119,6 +119,16 @@ def test_other_ends_are_said_once(square_clip: Path, tmp_path: Path, caplog, fra
     assert message in "".join(said)
 
 
+@pytest.mark.parametrize(("box", "is_said"), [("1,1,8,8", False), ("90,90,120,120", True)])
+def test_boxes_in_another_layout_are_said(square_clip: Path, tmp_path: Path, caplog, box, is_said) -> None:
+    """Corners taken for left, top, width and height reach beyond the picture."""
+    path = tmp_path / "det.txt"
+    path.write_text("".join(f"{number},-1,{box},0.9\n" for number in range(1, 13)))
+    assert track(square_clip, "--detections", path, "-o", tmp_path / "out").exit_code == 0
+    said = "\n".join(record.getMessage() for record in caplog.records)
+    assert ("100 % of the boxes reach far beyond the picture" in said) == is_said
+
+
 def test_bad_rows_and_foreign_scores_are_said(square_clip: Path, tmp_path: Path, caplog) -> None:
     path = tmp_path / "det.txt"
     path.write_text("1,-1,1,1,8,8,34.2\n1,-1,1,1,-8,8,5\n12,-1,1,1,nan,8,-5.8\n12,-1,1,1,8,8,-5.8\n")

@@ -86,8 +86,8 @@ class RunScreen:
         ]
         return f"{self.identities}: {one_line(', '.join(found))}"
 
-    def print_summary(self, files: list[Path]) -> None:
-        """One table: frames, frames a second of each stage, identities, files."""
+    def print_summary(self, files: list[Path], is_stopped: bool = False) -> None:
+        """One table: frames, frames a second of each stage, identities, files, and whether the run can go on."""
         table = Table(title=Text(self.video.name), show_header=False, title_justify="left")
         rate = self.times.frames / self.seconds if self.seconds else 0.0
         earlier = f", going on after frame {self.passed_over}" if self.passed_over else ""
@@ -103,4 +103,6 @@ class RunScreen:
         table.add_row("identities", Text(self._identities()))
         for path in files:
             table.add_row("written", Text(str(path)))
+        if is_stopped:
+            table.add_row("stopped", "not at the end: the same command with --resume goes on")
         Console().print(table)

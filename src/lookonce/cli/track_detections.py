@@ -23,9 +23,13 @@ __all__ = [
     "open_detections",
     "tracker_without_descriptors",
     "warn_of_other_frames",
+    "warn_of_other_pictures",
 ]
 
 log = logging.getLogger(__name__)
+
+_BEYOND = 0.1  # of the picture's width or height: objects reach so far out of it now and then,
+_MANY = 0.2  # but not so many of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +96,19 @@ def tracker_without_descriptors(
         message = "has no descriptors for --match-threshold to be held against; name a model that reads them with -m"
         raise ConfigError(f"{one_line(path)}: {message}, or leave it out")
     return Tracker(config, explain=explain)
+
+
+def warn_of_other_pictures(detections: DetectionFile, size: tuple[int, int] | None) -> None:
+    """Says that many boxes lie beyond the picture of ``size`` (height, width): of another layout, or another video."""
+    if size is None or not len(detections):
+        return
+    (height, width), xyxy = size, detections.rows.xyxy
+    beyond = np.maximum(xyxy[:, 2] - width, -xyxy[:, 0]) > _BEYOND * width
+    beyond |= np.maximum(xyxy[:, 3] - height, -xyxy[:, 1]) > _BEYOND * height
+    share = float(beyond.mean())
+    if share > _MANY:
+        said = "%s: %.0f %% of the boxes reach far beyond the picture of %d x %d px; expected left, top, width, height"
+        log.warning(said, one_line(detections.path), 100 * share, width, height)
 
 
 def warn_of_other_frames(detections: DetectionFile, last_index: int | None, is_whole: bool) -> None:

@@ -17,6 +17,7 @@ from lookonce.cli.track_detections import (
     open_detections,
     tracker_without_descriptors,
     warn_of_other_frames,
+    warn_of_other_pictures,
 )
 from lookonce.datasets.detections import DetectionFile
 from lookonce.errors import ConfigError
@@ -133,7 +134,10 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
     with ExitStack() as stack:
         video = stack.enter_context(settings.open_video())
         detector, tracker, workers = _open_detector(settings, config, video, options)
-        labels = (detector.file if isinstance(detector, DescribedFile) else detector).labels_of(settings.classes)
+        file = detector.file if isinstance(detector, DescribedFile) else detector
+        labels = file.labels_of(settings.classes)
+        if isinstance(file, DetectionFile):
+            warn_of_other_pictures(file, video.size)
         header = _header(detector, asdict(settings) | asdict(tracker.config))
         folder = options.output or Path("runs") / video.name
         start = _start(folder, options, header, video)
@@ -168,8 +172,7 @@ def run_tracking(settings: TrackSettings, config: TrackerConfig, options: RunOpt
             checkpoint.finish()
         finally:
             stack.close()  # results first, then the table
-            screen.print_summary([sink.path for sink in sinks])
-        file = detector.file if isinstance(detector, DescribedFile) else detector
+            screen.print_summary([sink.path for sink in sinks], (folder / CHECKPOINT_FILE).exists())
         if isinstance(file, DetectionFile):
             warn_of_other_frames(file, screen.last_index, settings.end_s is None and settings.max_frames is None)
 
