@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Container, Mapping
 from dataclasses import fields, is_dataclass
 from math import isfinite
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -24,10 +25,10 @@ _LARGEST = 1e6
 
 
 def check_numbers(settings: object, above_zero: Container[str] = ()) -> None:
-    """Refuse a dataclass of settings of which a number is below 0, huge or not finite.
+    """Refuse a dataclass of settings of which a number is below 0, huge, not finite, or none at all.
 
     Args:
-        settings: fields that are no numbers are not looked at.
+        settings: fields whose defaults are no numbers are not looked at.
         above_zero: names of those that may not be 0 either.
 
     Raises:
@@ -35,11 +36,21 @@ def check_numbers(settings: object, above_zero: Container[str] = ()) -> None:
     """
     for field in fields(settings):  # type: ignore[arg-type]
         value = getattr(settings, field.name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        kind = next((one for one in (bool, int, float) if isinstance(field.default, one)), None)
+        if kind is not None and not _is_a(value, kind):
+            raise ConfigError(f"{field.name}={value!r}: expected {_IN_WORDS[kind]}")
+        if isinstance(value, bool) or not isinstance(value, Real):
             continue
         least = "above 0" if field.name in above_zero else "0"
-        if not (isfinite(value) and 0 <= value <= _LARGEST) or (field.name in above_zero and value == 0):
+        if not (isfinite(value) and 0 <= float(value) <= _LARGEST) or (field.name in above_zero and value == 0):
             raise ConfigError(f"{field.name}={value}: expected {least} to {_LARGEST:g}")
+
+
+def _is_a(value: object, kind: type) -> bool:
+    """Whether a value can be one of the kind; NumPy's numbers are some, too."""
+    if kind is bool or isinstance(value, bool):
+        return kind is bool and isinstance(value, bool)
+    return isinstance(value, Integral if kind is int else Real)
 
 
 def read_settings(path: Path, settings: type) -> dict[str, Any]:

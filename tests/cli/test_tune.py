@@ -81,7 +81,7 @@ def test_what_is_found_is_written_shown_and_taken_by_track(squares, square_model
 
 @needs_optuna
 def test_a_trial_scores_what_track_and_eval_say(two, square_model, tmp_path):
-    done(two, "-m", square_model, "--trials", 1, "-o", tmp_path, "--holdout", "b", "--objective", "idf1")
+    done(two, "-m", square_model, "--trials", 1, "-o", tmp_path, "--holdout", "b", "--objective", "IDF1")
     score = json.loads((tmp_path / "trials.jsonl").read_text().splitlines()[1])["score"]
     track = ["track", two / "a", "-m", square_model, "--no-video", "-o", tmp_path / "t"]
     assert CliRunner().invoke(app, [*map(str, track)]).exit_code == 0

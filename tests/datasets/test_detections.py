@@ -106,6 +106,13 @@ def test_an_eighth_column_of_whole_numbers_is_the_class(tmp_path: Path) -> None:
     assert world.labels_of(["object"]).tolist() == [0]
 
 
+def test_a_few_rows_without_a_class_are_said(tmp_path: Path, caplog) -> None:
+    rows = "1,-1,0,0,5,5,0.5,3\n1,-1,0,0,6,6,0.5,0\n1,-1,0,0,6,7,0.5,-1\n"
+    assert read_detections(write(tmp_path, rows)).rows.labels.tolist() == [0, 0, 0]
+    (said,) = [record.getMessage() for record in caplog.records]
+    assert "the eighth column is no class in 1 of 3 rows" in said
+
+
 def test_our_own_results_are_detections_with_class_names(tmp_path: Path) -> None:
     box = {"label": 7, "score": 0.5}
     path = write_jsonl(

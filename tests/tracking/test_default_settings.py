@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 
 from lookonce.errors import ConfigError
@@ -42,6 +43,30 @@ def test_doubtful_box_does_not_continue_an_object_elsewhere():
     for score, expected in ((0.35, NO_ID), (0.45, 1)):
         elsewhere = seen((121, 100), scores=score, looks=[ONE])
         assert ids_of([*before, *nothing, elsewhere])[-1] == [expected]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"memory_s": "4"}, "memory_s='4': expected a number"),
+        ({"views": 2.5}, "views=2.5: expected a whole number"),
+        ({"steady": 1}, "steady=1: expected true or false"),
+        ({"memory_s": True}, "memory_s=True: expected a number"),
+    ],
+)
+def test_values_of_another_kind_are_refused(change, message):
+    with pytest.raises(ConfigError, match=message):
+        DefaultConfig(**change)
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert DefaultConfig(memory_s=np.float32(4), views=np.int64(2)) == DefaultConfig(memory_s=4.0, views=2)
+
+
+@pytest.mark.parametrize("preset", [None, {}, 3])
+def test_what_is_no_preset_is_refused(preset):
+    with pytest.raises(ConfigError, match="expected a preset's name, or settings"):
+        Tracker(preset)
 
 
 @pytest.mark.parametrize("name", ["low_score", "birth_score", "high_score", "same_overlap", "hidden_overlap"])

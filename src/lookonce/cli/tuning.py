@@ -149,6 +149,7 @@ def tune_command(
     settings are scored on what was held out, too. Ctrl-C keeps what is found so far. The same seed finds the same
     settings.
     """
+    objective = objective.lower()
     _check(objective, every, benchmark)
     asked = _Asked(
         begin=choose_tracker(preset),

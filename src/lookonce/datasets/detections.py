@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +21,13 @@ from lookonce.video.opening import one_line
 
 __all__ = ["DetectionFile", "read_detections"]
 
+log = logging.getLogger(__name__)
+
 _COLUMNS = "frame, number or -1, left, top, width, height"
 _SCORE, _CLASS = 6, 7
 _UNNAMED = ("object",)  # the class where a file knows none
 _MOST_CLASSES = 10_000
+_MOST = 0.5  # of the rows: then the column is meant as classes
 _NO_NUMBER, _NO_SIZE = "with a number that is not finite", "of zero or negative size"
 _TOO_FAR = f"farther out than {FARTHEST_PX:,.0f} px"
 
@@ -108,7 +112,8 @@ def read_detections(path: Path) -> DetectionFile:
     Frames count from 1 in the text and may come in any order; equal rows are all kept. The number or identity is not
     looked at. Without a score it is 1. Where scores lie outside 0 to 1, as in MOT15 and UA-DETRAC, those of the
     whole file are mapped so that the least is 0 and the greatest 1. An eighth column of whole numbers from 0 is the
-    class. ``tracks.jsonl`` names its classes. Rows whose box or score cannot be are left out and counted.
+    class; where only most are, no row has one, which is said. ``tracks.jsonl`` names its classes. Rows whose box or
+    score cannot be are left out and counted.
 
     Args:
         path: the file; JSON lines are known by the suffix ``.jsonl``.
@@ -129,8 +134,14 @@ def read_detections(path: Path) -> DetectionFile:
     scores = values[:, _SCORE] if values.shape[1] > _SCORE else np.ones(len(values))
     labels = np.zeros(len(values), np.int64)
     names: tuple[str, ...] = _UNNAMED
-    if values.shape[1] > _CLASS and _are_classes(values[:, _CLASS]):
-        labels, names = values[:, _CLASS].astype(np.int64), ()
+    if values.shape[1] > _CLASS and len(values):
+        are_classes = _are_classes(values[:, _CLASS])
+        if are_classes.all():
+            labels, names = values[:, _CLASS].astype(np.int64), ()
+        elif are_classes.mean() > _MOST:
+            count = np.count_nonzero(~are_classes)
+            said = "%s: the eighth column is no class in %d of %d rows, so no row has one; mend these to have classes"
+            log.warning(said, one_line(path), count, len(values))
     return _sorted(path, names, values[:, 0].astype(np.int64) - 1, xyxy, scores, labels, {})
 
 
@@ -142,9 +153,10 @@ def _check_frames(table: Table) -> None:
     table.check(frames <= MAX_FRAMES, 0, f"frame: expected up to {MAX_FRAMES:,}")
 
 
-def _are_classes(numbers: NDArray[np.float64]) -> bool:
-    """Whether the eighth column is a class; in MOTChallenge's files it is a place in the world, or -1."""
-    return bool(len(numbers)) and bool((whole(numbers) & (numbers >= 0) & (numbers < _MOST_CLASSES)).all())
+def _are_classes(numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(R,) bool: whether the eighth column is a class; in MOTChallenge's files it is a place in the world, or -1."""
+    are_classes: NDArray[np.bool_] = whole(numbers) & (numbers >= 0) & (numbers < _MOST_CLASSES)
+    return are_classes
 
 
 def _sorted(

@@ -67,6 +67,9 @@ class Tracker:
             if preset not in PRESETS:
                 raise ConfigError(f"tracker '{preset}': expected one of {', '.join(PRESETS)}")
             preset = PRESETS[preset]()
+        if not isinstance(preset, DefaultConfig | PaperConfig):
+            got = type(preset).__name__
+            raise ConfigError(f"tracker: expected a preset's name, or settings such as DefaultConfig, got {got}")
         if explain and isinstance(preset, PaperConfig):
             raise ConfigError("tracker 'paper' does not explain: it only takes the nearest; use default or iou")
         self.config = preset
