@@ -63,16 +63,16 @@ def test_after_ctrl_c_the_rest_gives_the_same_bytes(long_clip, square_model, unb
     kept = read_checkpoint(tmp_path)
     assert kept is not None
     assert kept.frame == json.loads(results.read_text().splitlines()[-1])["frame"] < FRAMES - 1
-    assert_one_line(lookonce(*command), 1, "--resume goes on, --overwrite begins again")
+    assert "--resume goes on, --overwrite begins again" in Command().refusal(*command)
     without = [one for one in command if one != "--explain"]
-    assert_one_line(lookonce(*without, "--resume"), 1, "begun with --explain")
+    assert "begun with --explain" in Command().refusal(*without, "--resume")
     again = lookonce(*command, "--resume")
     assert again.returncode == 0, again.stderr
     assert f"going on after frame {kept.frame + 1}" in again.stdout
     for name in FILES:
         assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
-    assert_one_line(lookonce(*command, "--resume"), 1, "complete")
+    assert "complete" in Command().refusal(*command, "--resume")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")
@@ -105,7 +105,7 @@ def test_after_a_kill_before_the_first_checkpoint_it_begins_again(long_clip, squ
     kept = read_checkpoint(tmp_path)
     assert kept is not None
     assert kept.frame == -1
-    assert_one_line(lookonce(*command), 1, "--resume goes on, --overwrite begins again")
+    assert "--resume goes on, --overwrite begins again" in Command().refusal(*command)
     assert lookonce(*command, "--resume").returncode == 0
     for name in FILES:
         assert (tmp_path / name).read_bytes() == (unbroken / name).read_bytes(), name
@@ -128,7 +128,7 @@ def test_boxes_of_others_with_descriptors_are_gone_on_with_to_the_same_bytes(lon
     assert kept is not None
     assert 0 < kept.frame < FRAMES - 1
     without = [one for one in command(stopped) if one not in ("-m", str(square_model))]
-    assert_one_line(lookonce(*without, "--resume"), 1, "begun with other")
+    assert "begun with other" in Command().refusal(*without, "--resume")
     again = lookonce(*command(stopped), "--resume")
     assert again.returncode == 0, again.stderr
     for name in FILES:
