@@ -395,6 +395,7 @@ def test_tracker_too_slow_for_many_detections_is_ranked_by_the_rest(
     assert "lookonce paper" in line
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.slow
 def test_appearance_helps_public_detections_at_a_low_frame_rate(data_folder: Path, tmp_path: Path) -> None:

@@ -177,11 +177,7 @@ def pictures_source(
         VideoError: none of the wanted pictures can be decoded.
     """
     if rate is None and len(paths) > 1:
-        log.warning(
-            "%s: no frame rate is stated; taken as %g frames a second; say the true one, such as --fps 10",
-            shown,
-            _DEFAULT_RATE,
-        )
+        log.warning("%s: states no frame rate; %g frames per second are assumed (--fps)", shown, _DEFAULT_RATE)
     rate = _DEFAULT_RATE if rate is None else rate
     if not 0 < rate < float("inf"):
         raise ConfigError(f"fps: expected frames per second > 0, got {rate}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +21,11 @@ from lookonce.video.opening import one_line
 
 __all__ = ["OnFrame", "Reading", "Tally", "describe_sequences", "read_sequences"]
 
-log = logging.getLogger(__name__)
 
 OnFrame = Callable[[str, int, int], None]
 """Called after each frame: what is read, how many frames are done, of how many."""
 
 _FRAMES_AHEAD = 4
-_USUAL_RATE = 25.0  # what ``open_video`` takes for a folder that states no rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +131,6 @@ def _read_sequence_(
 ) -> Tally:
     """Read one sequence, adding to ``rows``."""
     truth = {frame.index: frame.objects for frame in sequence.frames if frame.index % every == 0 and len(frame.objects)}
-    if fps is None and sequence.fps is None and sequence.pictures.is_dir():
-        log.warning(
-            "%s: states no frame rate; %g frames per second are assumed (--fps)", one_line(sequence.name), _USUAL_RATE
-        )
     labels = labels_of_names(reader.metadata, sequence.classes)
     done = truth_boxes = found_boxes = described_boxes = 0
     with open_video(sequence.pictures, every=every, fps=sequence.fps if fps is None else fps) as video:
