@@ -112,6 +112,7 @@ def test_after_a_kill_before_the_first_checkpoint_it_begins_again(long_clip, squ
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
 def test_boxes_of_others_with_descriptors_are_gone_on_with_to_the_same_bytes(long_clip, square_model, tmp_path) -> None:
     detections = tmp_path / "det.txt"
