@@ -8,7 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["clip", "iou", "iou_of_pairs", "share_inside", "xyxy_to_ltwh"]
+__all__ = ["FARTHEST_PX", "clip", "iou", "iou_of_pairs", "share_inside", "xyxy_to_ltwh"]
+
+FARTHEST_PX = 1e7
+"""No box of a picture lies farther out; areas of such boxes are still exact enough."""
 
 _LEAST_AREA = float(np.finfo(np.float32).tiny)
 _EPS = float(np.finfo(np.float64).eps)

@@ -9,6 +9,7 @@ import pytest
 
 from lookonce.structures import NO_ID, Detections
 from lookonce.tracking import DefaultConfig, Tracker
+from lookonce.tracking.border import Border
 from tracking.moving import STEP_S, crowd, ids_of, seen
 from tracking.scenes import at_angle
 
@@ -200,6 +201,14 @@ def test_one_weak_stray_box_is_no_border():
             tracker.update(seen(*standing, *walking, *stray, scores=scores), number * 0.04)
         left.append(tracker._rule.objects.ids.tolist())
     assert left[0] == left[1] == list(range(1, 12))
+
+
+def test_before_there_are_boxes_the_picture_has_no_end():
+    border = Border()
+    assert border.xyxy(None) == (-np.inf, -np.inf, np.inf, np.inf)
+    assert border.xyxy((480, 640)) == (0, 0, 640, 480)
+    border.widen(np.array([[10.0, 20, 30, 40], [-5, 25, 15, 60]]), np.arange(2))
+    assert border.xyxy(None) == (-5, 20, 30, 60)
 
 
 def test_seen_in_the_frame_before_means_that_frame():

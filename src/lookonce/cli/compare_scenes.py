@@ -6,9 +6,13 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from lookonce.cli.evaluated_truth import TrueSequence
 from lookonce.cli.stages import StageScreen
+from lookonce.cli.track_run import SHIPPED_MODEL
 from lookonce.compare.cameras import camera_motions
 from lookonce.compare.contenders.registry import PLAIN_SCORE
 from lookonce.compare.crops import CropDescriber, describe_crops
@@ -24,7 +28,29 @@ from lookonce.pipeline import CAMERA_SIZE
 from lookonce.video import open_video
 from lookonce.video.opening import one_line
 
-__all__ = ["DetectionSource", "Scene", "gather", "labels_of", "look_at_pictures"]
+__all__ = [
+    "DetectionSource",
+    "DetectionsOption",
+    "ModelOption",
+    "Scene",
+    "check_given",
+    "gather",
+    "labels_of",
+    "look_at_pictures",
+]
+
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "-m",
+        "--model",
+        help="Model file or name, for the detections; with --detections for descriptors at their boxes.",
+        show_default=f"{SHIPPED_MODEL}; --detections: none",
+    ),
+]
+DetectionsOption = Annotated[
+    Path | None, typer.Option(help="Detections of others: a file, or a folder with one a sequence.", show_default=False)
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +105,16 @@ class Scene:
     stored: StoredDetections
     crops_path: Path | None = None
     crops: StoredDetections | None = None
+
+
+def check_given(detections: Path) -> None:
+    """Refuse a file or folder of detections that is not there, before any work.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    if not detections.exists():
+        raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
 
 
 def labels_of(model: Model, classes: Sequence[str]) -> tuple[int, ...]:

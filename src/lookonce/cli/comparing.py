@@ -15,7 +15,15 @@ import typer
 from lookonce.cli.compare_detrac import compare_ua_detrac
 from lookonce.cli.compare_rows import CompareRow
 from lookonce.cli.compare_runs import ORACLE, Comparison, absence
-from lookonce.cli.compare_scenes import DetectionSource, Scene, gather, labels_of
+from lookonce.cli.compare_scenes import (
+    DetectionsOption,
+    DetectionSource,
+    ModelOption,
+    Scene,
+    check_given,
+    gather,
+    labels_of,
+)
 from lookonce.cli.compare_tables import (
     About,
     csv_text,
@@ -78,18 +86,6 @@ _UaDetrac = Annotated[
     typer.Option("--ua-detrac", help="UA-DETRAC's folders: the whole of its protocol.", show_default=False),
 ]
 _Part = Annotated[str, typer.Option(help="With --ua-detrac: test or train.")]
-_ModelFile = Annotated[
-    str | None,
-    typer.Option(
-        "-m",
-        "--model",
-        help="Model file or name, for the detections; with --detections for descriptors at their boxes.",
-        show_default=f"{SHIPPED_MODEL}; --detections: none",
-    ),
-]
-_Detections = Annotated[
-    Path | None, typer.Option(help="Detections of others: a file, or a folder with one a sequence.", show_default=False)
-]
 _Frames = Annotated[Path | None, typer.Option(help="Pictures of a single sequence.", show_default="as its layout says")]
 _Crops = Annotated[Path | None, typer.Option(help="Crop network of `lookonce fit-crops`.", show_default=False)]
 _Trackers = Annotated[str, typer.Option(help="Names, separated by commas.", show_default="all")]
@@ -134,8 +130,8 @@ def compare_command(
     truth: _Truth = None,
     ua_detrac: _UaDetrac = None,
     part: _Part = "test",
-    model: _ModelFile = None,
-    detections: _Detections = None,
+    model: ModelOption = None,
+    detections: DetectionsOption = None,
     frames: _Frames = None,
     crops: _Crops = None,
     trackers: _Trackers = "",
@@ -265,8 +261,7 @@ def _source(
     if detections is not None:
         if crops is not None or names:
             raise ConfigError("--crops and --classes go with a model's detections; files have neither")
-        if not detections.exists():
-            raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
+        check_given(detections)
         reader = None if model is None else BoxDescriber(model, provider=provider, threads=threads)
         return DetectionSource(
             None, detections, None, (), fps, cache, describer=reader, every=every, camera_score=settings.score

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lookonce.cli.compare_scenes import DetectionSource, labels_of
+from lookonce.cli.compare_scenes import DetectionsOption, DetectionSource, ModelOption, check_given, labels_of
 from lookonce.cli.evaluated_truth import BENCHMARKS, TrueSequence
 from lookonce.cli.evaluation_files import write_text
 from lookonce.cli.stages import StageScreen
@@ -64,18 +64,6 @@ _MAX_TRIALS = 100_000
 _Data = Annotated[
     list[Path], typer.Argument(metavar="DATA", help="Labelled sequences with pictures, or folders of them.")
 ]
-_ModelFile = Annotated[
-    str | None,
-    typer.Option(
-        "-m",
-        "--model",
-        help="Model file or name, for the detections; with --detections for descriptors at their boxes.",
-        show_default=f"{SHIPPED_MODEL}; --detections: none",
-    ),
-]
-_Detections = Annotated[
-    Path | None, typer.Option(help="Detections of others: a file, or a folder with one a sequence.", show_default=False)
-]
 _Output = Annotated[Path, typer.Option("-o", "--output", help="Folder for tuned.toml, the trials and the detections.")]
 _Preset = Annotated[str, typer.Option(help="Where to begin: default, iou, paper, or a TOML file.")]
 _Objective = Annotated[str, typer.Option(help=f"What to make large: {', '.join(OBJECTIVES)}.")]
@@ -123,8 +111,8 @@ class _Asked:
 
 def tune_command(
     data: _Data,
-    model: _ModelFile = None,
-    detections: _Detections = None,
+    model: ModelOption = None,
+    detections: DetectionsOption = None,
     output: _Output = Path("runs/tune"),
     preset: _Preset = "default",
     objective: _Objective = "hota",
@@ -204,8 +192,7 @@ def _open(
         labels = labels_of(detector, asked.classes)
         source = DetectionSource(detector, None, None, labels, asked.fps, cache, every=every, camera_score=camera_score)
         return source, tracker_for(detector, begin, threshold).config, detector.metadata.descriptor is not None
-    if not detections.exists():
-        raise ConfigError(f"{one_line(detections)}: no such file or folder; check --detections")
+    check_given(detections)
     source = DetectionSource(None, detections, None, (), asked.fps, cache, every=every, camera_score=camera_score)
     if model is None:
         return source, tracker_without_descriptors(detections, begin, None).config, False

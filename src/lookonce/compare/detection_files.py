@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.compare.detection_store import rows_digest
 from lookonce.compare.detections import DEFAULT_FPS, DetectedSequence
 from lookonce.datasets.text import fault, read_table, whole
-from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES
+from lookonce.datasets.track_rows import MAX_FRAMES
 from lookonce.errors import ConfigError
 from lookonce.video.opening import one_line
 

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.datasets.jsonl_tracks import read_jsonl_results
 from lookonce.datasets.text import Table, quoted, read_table, whole
-from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES
+from lookonce.datasets.track_rows import MAX_FRAMES
 from lookonce.errors import ConfigError
 from lookonce.structures import Detections
 from lookonce.video import Frame

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.datasets.text import check_size, fault, read_table
-from lookonce.datasets.track_rows import FARTHEST_PX, NO_CLASS, TrackRows
+from lookonce.datasets.track_rows import NO_CLASS, TrackRows
 
 __all__ = ["read_detrac_results"]
 

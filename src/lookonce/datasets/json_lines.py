@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.datasets.text import LARGEST_WHOLE, fault, quoted, read_text
-from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES
+from lookonce.datasets.track_rows import MAX_FRAMES
 from lookonce.errors import FormatError
 
 __all__ = ["Record", "read_records"]

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.datasets.class_names import check_class_name
 from lookonce.datasets.json_lines import read_records
 from lookonce.datasets.text import LARGEST_WHOLE, MAX_ROWS, fault, quoted
-from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES, TrackRows, first_twins
+from lookonce.datasets.track_rows import MAX_FRAMES, TrackRows, first_twins
 from lookonce.errors import FormatError
 from lookonce.structures import NO_ID
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.datasets.text import Table, fault, read_table, whole
-from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES, NO_CLASS, TrackRows, first_twins
+from lookonce.datasets.track_rows import MAX_FRAMES, NO_CLASS, TrackRows, first_twins
 
 __all__ = ["read_mot_results", "read_mot_truth"]
 

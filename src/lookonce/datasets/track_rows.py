@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FARTHEST_PX", "MAX_FRAMES", "NO_CLASS", "TrackRows", "first_twins"]
-
-FARTHEST_PX = 1e7
-"""No box of a picture lies farther out; areas of such boxes are still exact enough."""
+__all__ = ["MAX_FRAMES", "NO_CLASS", "TrackRows", "first_twins"]
 
 MAX_FRAMES = 20_000_000
 """A week at 30 frames per second; a higher number is a mistake."""

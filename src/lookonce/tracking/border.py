@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,9 +33,11 @@ class Border:
             np.maximum(high, columns[2:].max(axis=1), out=high)
 
     def xyxy(self, size: tuple[int, int] | None) -> tuple[float, float, float, float]:
-        """The border of pictures of ``size`` (height, width), px; None: where boxes have been."""
-        left, top, right, bottom = self.extent.tolist() if size is None else (0.0, 0.0, size[1], size[0])
-        return left, top, right, bottom
+        """The border of pictures of ``size`` (height, width), px; None: where boxes have been, if any have."""
+        if size is not None:
+            return 0.0, 0.0, size[1], size[0]
+        left, top, right, bottom = self.extent.tolist()
+        return (left, top, right, bottom) if left < right else (-math.inf, -math.inf, math.inf, math.inf)
 
     def are_outside(self, objects: Objects, size: tuple[int, int] | None, next_id: int) -> NDArray[np.bool_]:
         """(P,) bool: objects that are believed to have gone beyond the border, not the camera from them.

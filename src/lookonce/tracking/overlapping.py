@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.boxes import iou_of_pairs
+from lookonce.boxes import FARTHEST_PX, iou_of_pairs
 from lookonce.distances import Quantized
 from lookonce.tracking.default_config import DefaultConfig
 from lookonce.tracking.pairs import TooManyPairsError, expanded, near_pairs, unravelled
 
 __all__ = ["Overlaps", "best_first", "keep_best", "overlaps_of", "thinned", "usable_rows"]
 
-_FARTHEST_PX = 1e7  # as in files of detections
 _MOST_PAIRS = 4_000_000  # of boxes near each other in a frame; crowds of 10,000 have a twentieth
 _MOST_SWEPT = 1 << 20  # pairs of boxes of which one lies over, under or on the other, 50 MB; then a grid finds fewer
 
@@ -153,8 +152,8 @@ def usable_rows(
     Rows far out are of no use either: no picture reaches there, and one of them would make sums and grids worthless.
     """
     is_wanted = scores >= config.low_score
-    if np.abs(xyxy).max(initial=0.0) > _FARTHEST_PX:
-        is_wanted &= (np.abs(xyxy) <= _FARTHEST_PX).all(axis=1)
+    if np.abs(xyxy).max(initial=0.0) > FARTHEST_PX:
+        is_wanted &= (np.abs(xyxy) <= FARTHEST_PX).all(axis=1)
     least = min(config.same_overlap, config.duplicate_overlap, config.clean_overlap)
     try:
         overlaps = overlaps_of(xyxy, least, _MOST_PAIRS)

@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lookonce.boxes import iou_of_pairs
-from lookonce.datasets.track_rows import FARTHEST_PX
+from lookonce.boxes import FARTHEST_PX, iou_of_pairs
 
 __all__ = ["Boxes", "Pairs", "Scene", "by_id", "overlapping_pairs"]
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lookonce.boxes import FARTHEST_PX
 from lookonce.datasets.labelled import LabelledSequence
-from lookonce.datasets.track_rows import FARTHEST_PX, MAX_FRAMES, TrackRows, first_twins
+from lookonce.datasets.track_rows import MAX_FRAMES, TrackRows, first_twins
 from lookonce.structures import check_array, check_finite
 
 __all__ = ["TrackingResult", "TrackingTruth", "all_frames"]
